@@ -152,7 +152,7 @@ def read_plan(folder: str) -> Any:
 def clear_finished(root: Path, name: str) -> None:
     """Remove parts that a run, killed right after its last step, had not removed.
 
-    Parts of an unfinished build stay: the next run goes on with them. Raises WriterLocked.
+    Parts of an unfinished build stay: the next run resumes from them. Raises WriterLocked.
     """
     known = manifest.read(root, name)
     if known is None or not (known.figures.get("complete") and known.figures.get("made_in")):

@@ -154,8 +154,9 @@ def _said(opened: OpenTables, key: str, text: str, second: float) -> tuple[str, 
     row = first_row(opened, "youtube_transcripts", "video_id = ?", [key]) or {}
     cues = [cue for cue in row.get("cues") or () if int(cue["start_s"]) <= second]
     said = " ".join(plain(cues[-1]["text"]).split()) if cues else ""
-    before, _, behind = text.partition(said) if said and said in text else (text, "", "")
-    return before, said if said in text else "", behind
+    if not said or said not in text:
+        return text, "", ""
+    return text.partition(said)
 
 
 _KINDS = {"youtube": "video", "wiki": "page"}

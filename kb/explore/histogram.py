@@ -14,7 +14,7 @@ from kb.look.charts import number, step
 
 _BARS = 40
 _DIGITS = 3  # of an edge
-_NEAR = (16, 7)  # percent of the axis within which there is no second tick: narrow and wide pages
+_NEAR = (16, 7)  # least distance of two ticks, percent of the axis: on narrow and on wide pages
 
 
 class HistogramBar(NamedTuple):

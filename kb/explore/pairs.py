@@ -11,9 +11,8 @@ from urllib.parse import urlencode
 
 import duckdb
 
-from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
-from kb.explore.tables import CurrentTables
+from kb.explore.tables import CurrentTables, page_number
 
 ON_A_PAGE = 18  # cards: a number that fills rows of two and of three
 _LAST = 5_000  # pages
@@ -75,9 +74,7 @@ def read(tables: CurrentTables, language: str, query: Mapping[str, str]) -> Pair
 
     Raises UsageError, DamagedData.
     """
-    keyword, kind, page = query.get("keyword", ""), query.get("kind", ""), query.get("page", "1")
-    if not page.isascii() or not page.isdigit() or not 1 <= int(page) <= _LAST:
-        raise UsageError(f"there is no page {page!r}")
+    keyword, kind, page = query.get("keyword", ""), query.get("kind", ""), page_number(query, _LAST)
     if "pairs" not in tables:
         return PairsPage(keyword, kind, 1, 0, [], [], [])
     full = tables.view("pairs").full
@@ -90,9 +87,9 @@ def read(tables: CurrentTables, language: str, query: Mapping[str, str]) -> Pair
         where = "(? = '' OR lower(keyword) = lower(?)) AND (? = '' OR keyword_kind = ?)"
         values = [keyword, keyword, kind, kind]
         total = con.execute(f"SELECT count(*) FROM {full} WHERE {where}", values).fetchall()[0][0]
-        at = (int(page) - 1) * ON_A_PAGE
+        at = (page - 1) * ON_A_PAGE
     shown = cards(tables, language, where, values, f"LIMIT {ON_A_PAGE} OFFSET {at}")
-    return PairsPage(keyword, kind, int(page), total, shown, keywords, given)
+    return PairsPage(keyword, kind, page, total, shown, keywords, given)
 
 
 def cards(

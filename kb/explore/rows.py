@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
-from kb.explore.tables import CurrentTables, quoted
+from kb.explore.tables import CurrentTables, page_number, quoted
 from kb.look.headings import heading, reading
 from kb.schema.tables import table
 from kb.store.tables.row_counts import VERDICTS
@@ -130,11 +130,7 @@ def parse(query: Mapping[str, str]) -> RowsQuery:
     table = query.get("table") or tables[0]
     if table not in tables:
         raise UsageError(f"unknown table {table!r}", hint=f"use one of {', '.join(tables)}")
-    page = query.get("page", "1")
     sort = query.get("sort", "")
-    last = _SORTED // PAGE if sort else _LAST
-    if not page.isascii() or not page.isdigit() or not 1 <= int(page) <= last:
-        raise UsageError(f"there is no page {page!r}")
     return RowsQuery(
         source,
         verdict,
@@ -144,7 +140,7 @@ def parse(query: Mapping[str, str]) -> RowsQuery:
         query.get("text", ""),
         sort,
         query.get("descending", "") not in ("", "0"),
-        int(page),
+        page_number(query, _SORTED // PAGE if sort else _LAST),
     )
 
 

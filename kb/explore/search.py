@@ -10,6 +10,7 @@ from urllib.parse import urlencode
 
 from kb.core.errors import KbError, UsageError
 from kb.core.sources import SOURCES
+from kb.explore.tables import page_number
 from kb.mcp.search_tool import ref
 from kb.search.answers import MARK, NotIndexed, SearchHit, search, suggest
 from kb.search.ranking import Only, day_given
@@ -76,10 +77,7 @@ def read(root: Path, query: Mapping[str, str]) -> SearchPage:
         least = float(asked["least"] or 0)
     except ValueError:
         raise UsageError(f"the minimum score is {asked['least']!r}, not a number") from None
-    page = query.get("page", "1")
-    if not page.isascii() or not page.isdigit() or not 1 <= int(page) <= _LAST:
-        raise UsageError(f"there is no page {page!r}")
-    number = int(page)
+    number = page_number(query, _LAST)
     only = Only(
         kinds=(asked["kind"],) if asked["kind"] else (),
         since=day_given("since", asked["since"]),

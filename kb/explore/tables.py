@@ -6,7 +6,7 @@ at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.artifacts.table_catalog import Catalog, View, bare
+from kb.core.errors import UsageError
 from kb.query.views import connect
 from kb.store.tables.reading import reading
 
@@ -60,6 +61,14 @@ class CurrentTables:
         with self.asked(name) as con:
             query = sql.format(table=self.view(name).full)
             return con.sql(query, params=list(parameters)).to_arrow_table()
+
+
+def page_number(query: Mapping[str, str], last: int) -> int:
+    """The page that an address asks for, from 1 to `last`. Raises UsageError for any other."""
+    page = query.get("page", "1")
+    if not page.isascii() or not page.isdigit() or not 1 <= int(page) <= last:
+        raise UsageError(f"there is no page {page!r}")
+    return int(page)
 
 
 def quoted(column: str) -> str:

@@ -270,7 +270,7 @@ class Figure:
     head: Sequence[str] = ()
     rows: Sequence[Sequence[object]] = ()
     screen: bool = False  # shows a screen, whose colours are its own
-    gallery: bool = False  # stands in a row of its like, above the others
+    gallery: bool = False  # shown in a row with others of its kind, above the columns
 
 
 def applied() -> Any:
