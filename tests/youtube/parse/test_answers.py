@@ -11,7 +11,7 @@ import pytest
 from kb.core.errors import DamagedData, FatalError
 from kb.store.tables.columns import word_count
 from kb.youtube.parse import answers as parse
-from kb.youtube.parse.assemble import assemble
+from kb.youtube.parse.assemble import assemble, with_tracks
 from tests.filters.made import change_at, cues
 
 GOOD: dict[str, Any] = {
@@ -221,7 +221,7 @@ def test_transcripts_of_every_outcome() -> None:
     ]
     table = pa.concat_tables(parse.transcripts(lines))
     # What has no words in it, or can't be read, is no transcript.
-    assert assemble({"transcripts": table}, words=word_count)["youtube/transcripts"][
+    assert with_tracks(assemble({"transcripts": table}, words=word_count))["youtube/transcripts"][
         "video_id"
     ].to_pylist() == ["a"]
     a, b, c, d = table.to_pylist()
