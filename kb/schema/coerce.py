@@ -12,14 +12,15 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from functools import partial
-from itertools import accumulate, chain
 from types import NoneType
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.json as pa_json
 
 from kb.core import clock
+from kb.core.installation import np
 from kb.schema.raw import types
 from kb.schema.tables import Type
 
@@ -49,7 +50,7 @@ def coerce(
     `clean` is the caller's word that no text holds a NUL.
     """
     if kind.item is not None:
-        return records(values, kind, clean=clean) if kind.item.fields else lists(values, kind)
+        return records(values, kind) if kind.item.fields else lists(values, kind)
     if kind.text.startswith("timestamp"):
         return unix_times(values) if "number" in types(schema) else times(values)
     if kind.text == "bool":
@@ -141,50 +142,74 @@ def lists(values: Sequence[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
     return pc.fill_null(column, pa.scalar(empty, kind.arrow())) if bad else column, bad
 
 
-def records(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
-    """Records whose fields are lists of their own ({"start_s": [0, 1], "text": ["a", "b"]}) as
-    lists of structs, null where absent.
+def records(values: Sequence[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
+    """Records whose fields are lists of their own ({"start_s": [0, 1], "text": ["a", "b"]}) → lists
+    of structs; null where absent. Each is JSON text (bytes) or an object.
 
     Fields are numbers and texts; the last ones may be lists of numbers, which a record may leave
     out. A list of numbers that can't be read is empty, and its record stays.
     """
     try:
-        return _records(values, kind, clean=clean), []
-    except (ValueError, TypeError, LookupError, OverflowError):  # Arrow's errors are among them
-        return _each(values, kind.arrow(), partial(_rows, kind=kind))
+        return _records(values, kind), []
+    except (ValueError, TypeError):  # Arrow's errors are among them
+        objects = [json.loads(one) if isinstance(one, bytes) else one for one in values]
+        return _each(objects, kind.arrow(), partial(_rows, kind=kind))
 
 
-def _records(values: Sequence[Any], kind: Type, *, clean: bool) -> pa.Array[Any]:
-    """Raises ValueError, TypeError, LookupError or OverflowError for an odd value."""
+def _records(values: Sequence[bytes | None], kind: Type) -> pa.Array[Any]:
+    """Raises ValueError or TypeError for an odd value."""
     assert kind.item is not None
-    fields = kind.item.fields
-    there = [value for value in values if value is not None]
-    sizes = [len(a_list(value[fields[0][0]])) for value in there]
+    fields = [(name, inner.arrow()) for name, inner in kind.item.fields]
+    lines = b"\n".join(b'{"record":%b}' % (b"null" if one is None else one) for one in values)
+    if not lines:
+        return pa.array([], kind.arrow())
+    shape = pa.struct([(name, pa.list_(inner)) for name, inner in fields])
+    read = pa_json.read_json(
+        pa.BufferReader(lines),
+        pa_json.ReadOptions(use_threads=False, block_size=len(lines) + 1),
+        pa_json.ParseOptions(
+            explicit_schema=pa.schema([("record", shape)]), unexpected_field_behavior="ignore"
+        ),
+    )
+    record = pa.concat_arrays(read["record"].chunks)
+    sizes = pc.list_value_length(record.field(fields[0][0]))
     columns: list[pa.Array[Any]] = []
     for name, inner in fields:
-        if inner.item is None:
-            lists = [a_list(value[name]) for value in there]
-        else:
-            lists = [
-                [None] * size if (own := value.get(name)) is None else a_list(own)
-                for value, size in zip(there, sizes, strict=True)
-            ]
-        if list(map(len, lists)) != sizes:
+        lists = record.field(name)
+        is_timed = pa.types.is_list(inner)  # a list of numbers in each record
+        lengths = pc.list_value_length(lists)
+        if not (pc.coalesce(lengths, sizes) if is_timed else lengths).equals(sizes):
             raise ValueError("lists of different lengths")
-        column = flat = pa.array(list(chain.from_iterable(lists)), inner.arrow())
-        if inner.item is not None:
-            flat = pc.list_flatten(column)
-        if flat.null_count or (inner.text == "string" and not clean and _holds_nul(flat)):
+        column = flat = pc.list_flatten(lists)
+        if is_timed:
+            flat, column = pc.list_flatten(column), _with_absent(column, lengths, sizes)
+        flat.validate(full=True)
+        if flat.null_count:
             raise ValueError("a cell is odd")
         columns.append(column)
-    left = iter(sizes)
-    ends = accumulate((0 if value is None else next(left) for value in values), initial=0)
+    if len(read) != len(values) or sizes.null_count != record.null_count:
+        raise ValueError("a record is odd")
+    ends = np.cumsum(pc.fill_null(sizes, 0).to_numpy())
     return pa.ListArray.from_arrays(
-        pa.array(ends, pa.int32()),
+        pa.array(np.concatenate([[0], ends]), pa.int32()),
         pa.StructArray.from_arrays(columns, names=[name for name, _ in fields]),
         type=kind.arrow(),
-        mask=pa.array([value is None for value in values], pa.bool_()),
+        mask=pc.is_null(record),
     )
+
+
+def _with_absent(
+    column: pa.Array[Any], lengths: pa.Array[Any], sizes: pa.Array[Any]
+) -> pa.Array[Any]:
+    """Lists of numbers, `lengths` of them a row, and as many nulls as `sizes` says in a row whose
+    length is null.
+    """
+    absent = np.repeat(pc.is_null(lengths).to_numpy(False), pc.fill_null(sizes, 0).to_numpy())
+    inside, null = np.zeros(len(absent), np.int64), absent.copy()
+    inside[~absent] = pc.fill_null(pc.list_value_length(column), 0).to_numpy()
+    null[~absent] = pc.is_null(column).to_numpy(False)
+    offsets = pa.array(np.concatenate([[0], np.cumsum(inside)]), pa.int32())
+    return pa.ListArray.from_arrays(offsets, pc.list_flatten(column), mask=pa.array(null))
 
 
 def _rows(value: Any, kind: Type) -> list[dict[str, Any]]:

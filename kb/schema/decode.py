@@ -19,8 +19,22 @@ from kb.schema.tables import Table
 Row = TypeVar("Row")
 
 
+class _Envelope(msgspec.Struct):
+    """An envelope whose response is an object, each value of which is still JSON text."""
+
+    fetched_at: str | None
+    request: dict[str, Any]
+    status: int
+    response: dict[str, msgspec.Raw]
+
+
+_ENVELOPE = msgspec.json.Decoder(_Envelope)
+
+
 class DecodedAnswer(NamedTuple):
-    """One decoded envelope, so that Arrow can hold it; `records` are the objects that have rows."""
+    """One decoded envelope, so that Arrow can hold it; `records` are the objects that have rows.
+    In these, lists of records may be JSON text (bytes).
+    """
 
     fetched_at: str | None
     params: dict[str, Any]
@@ -45,10 +59,30 @@ class ColumnReader:
         self._paths = {
             column.name: path.removeprefix("items[].").split(".") for column, path in origins
         }
+        # Lists of records stay JSON text, which Arrow reads without making objects of Python.
+        self._texts = {
+            path
+            for column, path in origins
+            if column.parsed.item is not None and column.parsed.item.fields
+        }
         self._schemas = [raw.at(f"{declared.source}/{kind}", path) or {} for path in paths]
 
     def answer(self, line: bytes) -> DecodedAnswer:
         """Decodes one envelope. Raises DamagedData when the line is not an envelope at all."""
+        if self._texts and b"\\u0000" not in line:
+            try:
+                late = _ENVELOPE.decode(line.decode())
+            except (msgspec.DecodeError, UnicodeDecodeError):
+                pass  # what is odd about it is found below
+            else:
+                response = {
+                    name: bytes(value)
+                    if name in self._texts and bytes(value) != b"null"
+                    else msgspec.json.decode(value)
+                    for name, value in late.response.items()
+                }
+                params = late.request.get("params") or {}
+                return self.decoded(late.fetched_at, params, late.status, response)
         envelope = decoded(line)
         try:
             params = envelope["request"].get("params") or {}

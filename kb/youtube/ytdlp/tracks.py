@@ -224,7 +224,7 @@ def _outcomes(outcomes: list[_Found]) -> pa.Table:
         "kind": [kind and kind.kind for kind in kinds],
         "language": [kind and language_of(kind.language) for kind in kinds],
         "original_kind": [kind and kind.original for kind in kinds],
-        "cues": [one[3] and json.loads(one[3]) for one in outcomes],
+        "cues": [one[3] and one[3].encode() for one in outcomes],
         "fetched_at": [one[4] for one in outcomes],
         "final": [True] * len(outcomes),
     }
@@ -234,7 +234,7 @@ def _outcomes(outcomes: list[_Found]) -> pa.Table:
             columns[name] = problems({}, len(outcomes))
         elif name == "cues":
             kind = table("youtube/transcripts").column(name).parsed
-            columns[name], _ = records(own[name], kind, clean=True)
+            columns[name], _ = records(own[name], kind)
         else:
             columns[name] = pa.array(own.get(name, [None] * len(outcomes)), arrow)
     columns[READ_FROM] = pa.array([FILE] * len(outcomes), pa.string())
