@@ -106,10 +106,12 @@ def word_count(texts: pa.Array[Any]) -> pa.Array[Any]:
     if pc.any(other).as_py():
         spaced = pc.replace_substring_regex(texts.filter(other), _OTHER_SPACES, " ")
         texts = pc.replace_with_mask(texts, other, spaced)
+    offsets: Any
+    content: Any
     _, offsets, content = texts.buffers()
-    bounds = np.frombuffer(offsets, np.int32)[texts.offset :][: len(texts) + 1]
-    if not len(texts) or bounds[0] == bounds[-1]:
+    if not len(texts) or offsets is None or content is None:
         return pa.array(np.zeros(len(texts), np.int64))
+    bounds = np.frombuffer(offsets, np.int32)[texts.offset :][: len(texts) + 1]
     data = np.frombuffer(content, np.uint8)[bounds[0] : bounds[-1]]
     # Bytes 9 to 13 and 28 to 32 are spaces; what is less than the first one becomes large.
     inside = (data - np.uint8(9) > 4) & (data - np.uint8(28) > 4)

@@ -59,13 +59,13 @@ def checked(
     negative = np.searchsorted(ends, np.flatnonzero(~(np.isfinite(times) & (times >= 0))), "right")
     reason = np.zeros(len(starts), np.int8)
     reason[unordered], reason[negative] = 1, 2
-    words = words.to_numpy()
-    reason[(sizes >= 0) & (sizes != words)] = 3
+    said = words.to_numpy()
+    reason[(sizes >= 0) & (sizes != said)] = 3
     reason[~automatic.to_numpy(zero_copy_only=False)[track] | (sizes < 0)] = 4
     if ((reason > 0) & (sizes >= 0)).any():
         starts = pc.if_else(pa.array(reason == 0), starts, pa.scalar(None, starts.type))
     # A track's reason is that of its first cue with words and without word times.
-    lacking = np.flatnonzero((reason > 0) & (words > 0))
+    lacking = np.flatnonzero((reason > 0) & (said > 0))
     tracks, first = np.unique(track[lacking], return_index=True)
     verdict = np.zeros(len(cues), np.int8)
     verdict[tracks] = reason[lacking[first]]
