@@ -94,9 +94,9 @@ def transcripts(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(lines):
         form = pc.fill_null(got["format"], 1)
         other = form.filter(pc.and_(pc.equal(got["outcome"], "ok"), pc.not_equal(form, FORMAT)))
-        if len(other):
+        for number in other.to_pylist():
             raise FatalError(
-                f"raw/youtube has transcripts of raw format {other[0]}; this version of"
+                f"raw/youtube has transcripts of raw format {number}; this version of"
                 f" Lorecrawl reads format {FORMAT}",
                 hint="crawl them again into a new data root",
             )
