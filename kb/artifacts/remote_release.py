@@ -2,42 +2,22 @@
 folder on this machine.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from typing import Any
-
-import pyarrow.dataset as ds
 
 from kb.artifacts import manifest
 from kb.artifacts.release_folder import (
     TOMBSTONES,
-    parse_tombstones,
     sources_of,
     table_of_shard,
 )
+from kb.artifacts.remote_table import RemoteTable
 from kb.artifacts.table_catalog import View, check_once, tombstones_view, view_name
-from kb.core.cached_property import cached_property
 from kb.core.errors import FatalError
 from kb.schema.tables import released_tables, table
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import missing
 from kb.store.tables.remote_files import RemoteFolder, remote_folders
-
-
-@dataclass(frozen=True, eq=False)
-class RemoteTable:
-    """The shards of a table, or a folder's tombstones."""
-
-    folder: RemoteFolder
-    names: Sequence[str]
-
-    @cached_property
-    def dataset(self) -> ds.Dataset:
-        """All rows, read when they are asked for. Raises DamagedData, FatalError."""
-        if TOMBSTONES in self.names:
-            rows = self.folder.read(TOMBSTONES)
-            return ds.dataset(parse_tombstones(rows, f"{self.folder}/{TOMBSTONES}"))
-        return self.folder.dataset(self.names)
 
 
 def read_views(address: str, options: Mapping[str, Any] | None = None) -> list[View]:

@@ -34,7 +34,7 @@ from kb.store.layout import TOP, Layout, parquet_files, rows_pattern
 from kb.store.tables.row_counts import VERDICTS
 
 if TYPE_CHECKING:
-    from kb.artifacts.remote_release import RemoteTable
+    from kb.artifacts.remote_table import RemoteTable
     from kb.store.tables.remote_files import RemoteFolder
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
