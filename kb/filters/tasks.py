@@ -28,7 +28,7 @@ from kb.core.errors import FatalError
 from kb.filters.chain import Chain, Clean, Judged, declared_columns, judge_chain
 from kb.filters.predicates import SCORED
 from kb.schema.tables import table
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.state import tombstones
 from kb.store.tables import partition
 from kb.store.tables.columns import where
