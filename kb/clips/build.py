@@ -159,7 +159,7 @@ def build(
 
 
 def _require() -> None:
-    require("clips", "av", "numpy", "PIL", "tokenizers")
+    require("clips", "av", "PIL", "tokenizers")
 
 
 @contextlib.contextmanager

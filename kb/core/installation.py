@@ -97,7 +97,7 @@ def folder(name: str) -> Path:
 __all__ = ["np", "require", "torch"]
 
 
-class _OptionalPackage:
+class _LatePackage:
     """Imports the package when an attribute is asked for."""
 
     def __init__(self, name: str, extra: str) -> None:
@@ -124,8 +124,8 @@ if TYPE_CHECKING:
     import numpy as np
     import torch
 else:
-    np = _OptionalPackage("numpy", "pairs")
-    torch = _OptionalPackage("torch", "torch")
+    np = _LatePackage("numpy", "")
+    torch = _LatePackage("torch", "torch")
 
 
 def cache_root() -> Path:

@@ -27,7 +27,7 @@ from kb.artifacts.measures import write_measure
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import FatalError, UsageError
-from kb.core.installation import np, require
+from kb.core.installation import np
 from kb.core.summary import Summary, wilson_interval
 from kb.labels.questions import KINDS, NEAR_S, UNSURE, YES, Labeling, LabelQuestion
 from kb.pairs.transcripts import VIDEOS
@@ -48,10 +48,9 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
     """Read every file, then write. Answers about items that were purged or that no table has are
     refused and counted.
 
-    Raises UsageError for a file that is no export, MissingExtra, before anything is written;
-    FatalError without pairs and tasks, WriterLocked, DamagedData, DiskFull.
+    Raises UsageError for a file that is no export, FatalError without pairs and tasks,
+    WriterLocked, DamagedData, DiskFull.
     """
-    require("pairs", "numpy")  # before anything is written
     given = read_exports(paths)
     if not any(manifest.rows(run.root, one.table) for one in KINDS.values()):
         raise FatalError(

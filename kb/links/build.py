@@ -30,7 +30,7 @@ from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_par
 from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.installation import np, require
+from kb.core.installation import np
 from kb.core.summary import Summary
 from kb.links.texts import TextPart, parts
 from kb.pairs import keywords as lists
@@ -100,10 +100,9 @@ def build(run: Run, names: Callable[[], Mapping[str, PageNames]]) -> Summary:
 def check(run: Run) -> Keywords:
     """The profile's keywords, when everything else that links need is there.
 
-    Raises ProfileError, MissingExtra, FatalError without clean tables.
+    Raises ProfileError, FatalError without clean tables.
     """
     keywords = lists.load(run.profile)
-    require("pairs", "numpy")
     if not texts.files(run.root, "links"):
         raise FatalError(f"nothing to link: {run.root} has no texts", hint=NO_TABLES)
     return keywords

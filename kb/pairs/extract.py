@@ -34,7 +34,7 @@ class Tools(NamedTuple):
 
 def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
     """Keywords and tokenizer for a profile. Raises MissingExtra."""
-    for package in ("numpy", "tokenizers", "lingua", "rensa"):
+    for package in ("tokenizers", "lingua", "rensa"):
         if find_spec(package) is None:
             raise MissingExtra(
                 f"pairs need the package {package.replace('_', '-')}",

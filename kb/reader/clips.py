@@ -54,7 +54,7 @@ class Clips(QueryResult):
 
         Raises MissingExtra, and UsageError for wrong arguments or where no clip has file and text.
         """
-        require("torch", "torch", "av", "numpy", "PIL", "tokenizers")
+        require("torch", "torch", "av", "PIL", "tokenizers")
         if (videos is None) == (shards is None):
             raise UsageError("clips come from video files or from shards", hint="give one of them")
         if frames < 1 or min(size) < 1:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     Weights = dict[str, torch.Tensor]
 
-EXTRA = ("av", "numpy", "tokenizers", "torch", "transformers")
+EXTRA = ("av", "tokenizers", "torch", "transformers")
 BATCH = 32  # frames, or texts, of one pass
 _CLIP_RGB = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 _MINECLIP_RGB = (0.3331, 0.3245, 0.3051), (0.2439, 0.2493, 0.2873)

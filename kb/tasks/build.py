@@ -29,7 +29,7 @@ from kb.artifacts import freshness, manifest
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.installation import np, require
+from kb.core.installation import np
 from kb.core.sources import made_of
 from kb.core.summary import Summary
 from kb.pairs import keywords
@@ -94,8 +94,7 @@ def build(run: Run, playlists: Mapping[str, str]) -> Summary:
 
 
 def check(run: Run) -> None:
-    """Raises MissingExtra, FatalError without videos."""
-    require("pairs", "numpy")
+    """Raises FatalError without videos."""
     if not manifest.rows(run.root, f"{_VIDEOS}/videos"):
         raise FatalError(
             f"there are no videos in clean/{_VIDEOS}", hint=f"run `kb {_VIDEOS} filter` first"

@@ -56,7 +56,6 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("annotate reddit", NO_MODEL, "no/such/checkpoint.ckpt"),
         ("reddit filter", NO_MODEL, "no/such/checkpoint.ckpt"),
         ("pairs", {}, "tokenizers"),
-        ("links", {}, "numpy"),
         ("report", {}, "matplotlib"),
     ],
     ids=str,

@@ -123,7 +123,6 @@ OPTIONAL = (
     "tokenizers",
     "mlcroissant",
     "cffconvert",
-    "numpy",
 )
 
 

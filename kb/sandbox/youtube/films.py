@@ -51,7 +51,7 @@ def write_films(world: World, folder: Path) -> int:
     """Write `ID.mp4` for each video, atomically, and return how many. The same world gives the same
     pixels. Raises MissingExtra, DiskFull, OSError.
     """
-    require("clips", "av", "numpy")
+    require("clips", "av")
     mentions = Mentions(world)
     for video in world.youtube.videos.values():
         with writing(folder / f"{video.id}.mp4", sync=False) as path:
