@@ -35,7 +35,6 @@ _LATE = (
     "matplotlib.backends.backend_svg",
     "onnxruntime",
     "selenium.webdriver",
-    "structlog",
     "tokenizers",
     "wordcloud",
 )

@@ -21,10 +21,9 @@ from kb.schema.tables import table
 from kb.store import leftovers, lock
 from kb.store.artifact_registry import ARTIFACTS, artifact_of
 from kb.store.damage import DOWNLOAD, remedy
-from kb.store.layout import Layout, parquet_files
+from kb.store.layout import VERDICTS, Layout, parquet_files
 from kb.store.tables import database
 from kb.store.tables.reading import scan
-from kb.store.tables.row_counts import VERDICTS
 from kb.verify import raw, releases
 from kb.verify.files import NEIGHBOURS, FileVerifier
 from kb.verify.findings import Findings

@@ -19,7 +19,6 @@ NOT_FOR_HELP = (
     "rich",
     "pydantic",
     "pydantic_settings",
-    "structlog",
     "pyarrow",
     "duckdb",
     "numpy",
