@@ -69,6 +69,11 @@ def test_help_imports_nothing_heavy() -> None:
     assert len(loaded) < 400
 
 
+def test_an_import_of_dumps_loads_no_http_client_and_no_database() -> None:
+    loaded = imports_of("import kb.reddit.crawl.importer, kb.artifacts.table_catalog")
+    assert not loaded & {"praw", "requests", "aiohttp", "duckdb"}
+
+
 # Each command's help in a fork of a process that has loaded what every command loads.
 FORKS = """
 import json, os, sys
