@@ -222,7 +222,11 @@ def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
     bytes(4 * _EXPANDED)
     source = _Ending(file)
     engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
-    reader = engine.stream_reader(source, read_size=_PIECE, read_across_frames=True)
+    reader = engine.stream_reader(
+        source,  # type: ignore[arg-type]  # it calls no other method
+        read_size=_PIECE,
+        read_across_frames=True,
+    )
     try:
         # read1 decompresses into what it returns: other ways copy all of it once or twice.
         while (piece := reader.read1(_EXPANDED)) and not source.over:
