@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-import structlog
 
 from kb.cli.app import app
 from kb.cli.framework.exit_codes import run_to_exit_code
@@ -55,7 +54,6 @@ def here(
             finally:
                 logger.handlers[:] = handlers
                 logger.setLevel(level)
-                structlog.reset_defaults()
         return Done(code, *capsys.readouterr())
 
     return run

@@ -36,7 +36,6 @@ _LATE = (
     "matplotlib.backends.backend_svg",
     "onnxruntime",
     "selenium.webdriver",
-    "structlog",
     "tokenizers",
     "tqdm.auto",
     "wordcloud",

@@ -30,8 +30,7 @@ from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.schema.tables import Table, table, tables
 from kb.store.damage import missing
-from kb.store.layout import TOP, Layout, parquet_files, rows_pattern
-from kb.store.tables.row_counts import VERDICTS
+from kb.store.layout import TOP, VERDICTS, Layout, parquet_files, rows_pattern
 
 if TYPE_CHECKING:
     from kb.artifacts.remote_table import RemoteTable

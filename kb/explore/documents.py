@@ -29,7 +29,7 @@ from kb.reader.screenshots import stored_png
 from kb.search.passage import plain
 from kb.search.query import question
 from kb.search.tantivy_index import analyzer
-from kb.store.tables.row_counts import VERDICTS
+from kb.store.layout import VERDICTS
 
 NEAREST = 40  # parts around the place
 _MOST_NODES = 200  # of a thread

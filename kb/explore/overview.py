@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import remaining
 from kb.explore.tables import CurrentTables
-from kb.store.tables.row_counts import VERDICTS
+from kb.store.layout import VERDICTS
 
 _HOURS_OF_A_YEAR = 8766
 _TOTALS = {  # tables → what is counted in them: SQL, noun

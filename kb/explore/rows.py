@@ -14,7 +14,7 @@ from kb.core.sources import SOURCES
 from kb.explore.tables import CurrentTables, page_number, quoted
 from kb.look.headings import heading, plain, reading
 from kb.schema.tables import table
-from kb.store.tables.row_counts import VERDICTS
+from kb.store.layout import VERDICTS
 
 PAGE = 50  # rows
 _LAST = 1_000_000_000  # the number of a page

@@ -15,9 +15,9 @@ from kb.core.errors import SchemaMismatch
 from kb.filters.predicates import SCORED, Judgement, Predicate
 from kb.filters.thresholds import outcome_of_other_stages, thresholds
 from kb.schema.tables import table
+from kb.store.layout import VERDICTS
 from kb.store.tables.columns import column, with_nulls
 from kb.store.tables.partition import RawKind
-from kb.store.tables.row_counts import VERDICTS
 
 _DESCRIPTION = (  # columns of shared/rejected that say what was dropped
     *("title", "text", "channel_id", "channel_title", "type", "post_id", "parent_id"),

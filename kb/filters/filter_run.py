@@ -40,13 +40,12 @@ from kb.filters.tasks import (
 )
 from kb.schema.tables import table
 from kb.store.atomic import write_text
-from kb.store.layout import Layout, parquet_files
+from kb.store.layout import VERDICTS, Layout, parquet_files
 from kb.store.lock import of_clean, writer
 from kb.store.rawlog import damaged_answers, rawlog
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.store.tables import parquet, partition, row_counts
-from kb.store.tables.row_counts import VERDICTS
 from kb.store.tables.shard_writer import write_table
 
 _WHY = {"rejected": ("stage", "reason"), "failed": ("reason",)}  # columns that explain a verdict

@@ -29,10 +29,10 @@ from kb.filters.chain import Chain, Clean, Judged, declared_columns, judge_chain
 from kb.filters.predicates import SCORED
 from kb.schema.tables import table
 from kb.store.exhausted import full_disk_is_resumable
+from kb.store.layout import VERDICTS
 from kb.store.state import tombstones
 from kb.store.tables import partition
 from kb.store.tables.columns import where
-from kb.store.tables.row_counts import VERDICTS
 from kb.store.tables.shard_writer import write_table
 
 

@@ -7,7 +7,6 @@ is printed or logged goes through `text`, not only what is known to hold a key.
 import json
 import re
 from collections.abc import Iterable
-from typing import Any
 from urllib.parse import quote, quote_plus
 
 from kb.core.terminal import SHORTEST_SECRET
@@ -83,23 +82,3 @@ def text(value: str) -> str:
     for pattern, instead in _PATTERNS:
         value = pattern.sub(instead, value)
     return value
-
-
-def value(anything: Any) -> Any:
-    """The same for what a log line holds: text, and text inside lists and dicts;
-    other values as text.
-    """
-    if isinstance(anything, str):
-        return text(anything)
-    if isinstance(anything, dict):
-        return {name: value(inner) for name, inner in anything.items()}
-    if isinstance(anything, (list, tuple)):
-        return [value(inner) for inner in anything]
-    if anything is None or isinstance(anything, (bool, int, float)):
-        return anything
-    return text(str(anything))
-
-
-def processor(logger: Any, method: str, event: dict[str, Any]) -> dict[str, Any]:
-    """For structlog's chain."""
-    return {name: value(inner) for name, inner in event.items()}

@@ -182,10 +182,16 @@ class Placed(NamedTuple):
 
 
 def check_lists(
-    folder: Path, names: Sequence[str], section: Pairs | None, *, topic_known: bool = True
+    folder: Path,
+    names: Sequence[str],
+    section: Pairs | None,
+    *,
+    topic_known: bool = True,
+    advice: bool = True,
 ) -> list[Finding]:
     """Findings of all lists together. `section` is None where [pairs] itself has errors;
-    `topic_known`: whether the topic of a video can be known, by a label or by an import.
+    `topic_known`: whether the topic of a video can be known, by a label or by an import. Without
+    `advice` only what makes them unusable is looked for, as each command does that needs them.
     """
     near_words = section.near_words if section else Pairs.model_fields["near_words"].default
     every: list[Placed] = []
@@ -198,12 +204,14 @@ def check_lists(
             fix = "write one per line: keyword, tab, kind"
             findings.append(Finding(ERROR, name, 0, "", "the list contains no keyword", fix))
     broken = bool(findings)
-    findings += _duplicates(every)
-    findings += _kinds(every)
-    findings += _everyday(every)
-    findings += _excluded(every, section)
-    if not broken:
+    if advice:
+        findings += _duplicates(every)
+        findings += _kinds(every)
+        findings += _everyday(every)
+        findings += _excluded(every, section)
+    if advice and not broken:
         findings += _overlapping(every)
+    if not broken:
         findings += _unsupported(every, section, topic_known=topic_known)
     return findings
 

@@ -10,10 +10,11 @@ from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read
-from kb.reddit.crawl.client import IDS, LISTED, ROOT
+from kb.reddit.crawl.client import LISTED, ROOT
 from kb.reddit.crawl.ids import Ids, asked_for
 from kb.reddit.crawl.reduce import PAGES
 from kb.reddit.crawl.refresh import due, oldest_due
+from kb.reddit.crawl.subreddit import IDS
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.parse.latest_state import latest_state
 from kb.store.layout import Layout

@@ -23,8 +23,8 @@ from kb.artifacts.purge_people import MARK, PeopleRules, Theirs, in_rows
 from kb.artifacts.purge_raw import Matcher, Names, over_segments
 from kb.artifacts.purge_rows import RowLocation, keep_rows, shared_locations
 from kb.crawl.id_list import IdList
-from kb.reddit.crawl.connector import INFO
 from kb.reddit.crawl.ids import RULES as IDS
+from kb.reddit.crawl.subreddit import INFO
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.anonymize import keyed, load_key, read_key
 from kb.reddit.parse.answer_tree import PURGED, theirs, without_hashes

@@ -36,6 +36,9 @@ TOP = (
 )
 """The folders that commands write, in the order of the data's way."""
 
+VERDICTS = ("rejected", "failed", "pending")
+"""Folders beside a source's clean tables: what became of the rows that were not kept."""
+
 CAPTURED = "wiki"
 """The source with captured files beside its raw answers."""
 

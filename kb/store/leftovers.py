@@ -15,8 +15,8 @@ from kb.store import atomic
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import followed, settle_folder
 from kb.store.layout import Layout
-from kb.store.tables import database
 
+SPILL = ".duckdb"  # and the process: what DuckDB spilled (kb.store.tables.database)
 PART = ".part"  # of a segment or download that is not complete: `.NAME.part`
 _FILE = re.compile(r"\..+\.(tmp|filled\.parquet)|\.filled\.parquet")
 _FOLDER = re.compile(r"\.(?P<name>.+)\.(new|old)|\.(sort|shot)-.+")
@@ -28,7 +28,7 @@ def is_left(parts: Iterable[str]) -> bool:
         _FILE.fullmatch(name)
         or _FOLDER.fullmatch(name)
         or name.endswith(".lease")
-        or name.startswith(f"{database.SPILL}-")
+        or name.startswith(f"{SPILL}-")
         or (name.startswith(".") and name.endswith((".work", PART)))
         for name in parts
     )
@@ -76,7 +76,7 @@ def _remove_temporary(path: Path) -> None:
 
 def _spilled(folder: Path) -> None:
     """What killed queries spilled into `folder`: readers take no lock, so it is no lock's own."""
-    for entry in sorted(folder.glob(f"{database.SPILL}-*")):
+    for entry in sorted(folder.glob(f"{SPILL}-*")):
         if atomic.has_ended(entry.name):
             _clear(entry)
 

@@ -24,10 +24,9 @@ from kb.schema.tables import table
 from kb.store import leftovers, lock
 from kb.store.artifact_registry import ARTIFACTS, SUMS, artifact_of
 from kb.store.damage import DOWNLOAD, read_small, remedy, short_lines
-from kb.store.layout import Layout, parquet_files
+from kb.store.layout import VERDICTS, Layout, parquet_files
 from kb.store.tables import checksums, database
 from kb.store.tables.reading import scan
-from kb.store.tables.row_counts import VERDICTS
 from kb.verify import raw
 from kb.verify.files import NEIGHBOURS, FileVerifier, problem
 from kb.verify.findings import Findings

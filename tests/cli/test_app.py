@@ -19,7 +19,6 @@ NOT_FOR_HELP = (
     "rich",
     "pydantic",
     "pydantic_settings",
-    "structlog",
     "pyarrow",
     "duckdb",
     "numpy",
@@ -68,6 +67,11 @@ def test_help_imports_nothing_heavy() -> None:
     sources = {name for source in SOURCES for name in (f"kb.{source}", f"kb.{source}.source")}
     assert len([name for name in loaded - sources if name.startswith("kb.")]) <= 18
     assert len(loaded) < 400
+
+
+def test_an_import_of_dumps_loads_no_http_client_and_no_database() -> None:
+    loaded = imports_of("import kb.reddit.crawl.importer, kb.artifacts.table_catalog")
+    assert not loaded & {"praw", "requests", "aiohttp", "duckdb"}
 
 
 # Each command's help in a fork of a process that has loaded what every command loads.

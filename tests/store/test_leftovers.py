@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.store import lock
-from kb.store.tables import database
+from kb.store import leftovers, lock
 
 PROGRAM = """
 import sys
@@ -39,7 +38,7 @@ def spilling(folder: Path) -> subprocess.Popen[str]:
 
 
 def spills(folder: Path) -> list[Path]:
-    return sorted(folder.glob(f"{database.SPILL}*"))
+    return sorted(folder.glob(f"{leftovers.SPILL}*"))
 
 
 @pytest.mark.parametrize("below", ["", "annotations/youtube"])

@@ -56,7 +56,9 @@ if TYPE_CHECKING:
 
 
 def examine(path: Path, *, publishing: bool = True) -> Checked:
-    """Findings about the profile's file and its keyword lists, worst first."""
+    """Findings about the profile's file and its keyword lists, worst first. Without `publishing`
+    errors that keep commands from running are enough.
+    """
     from kb.pairs.keyword_list import check_lists
 
     checked = check_file(path, publishing=publishing)
@@ -67,6 +69,7 @@ def examine(path: Path, *, publishing: bool = True) -> Checked:
         checked.lists,
         profile.pairs if profile else None,
         topic_known=youtube is None or bool(youtube.game_ids) or youtube.imported_topic == "known",
+        advice=publishing,
     )
     return checked._replace(findings=worst_first([*checked.findings, *listed]))
 

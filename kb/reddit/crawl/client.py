@@ -36,7 +36,6 @@ from kb.reddit.crawl.errors import consequence, problem, too_deep
 
 ROOT = "https://www.reddit.com"
 OAUTH = "https://oauth.reddit.com"
-IDS = 100  # most ids of one info or morechildren call
 LISTED = 100  # most things of a listing's page
 
 _LONGEST_S = 86_400.0  # a window has 600 s

@@ -11,26 +11,25 @@ from typing import Any
 
 from kb.core import clock
 from kb.core.cached_property import cached_property
-from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.errors import FatalError, ItemFinal, Retryable
 from kb.core.summary import Summary
-from kb.crawl.connector import Answer, Connector, Opened, Phase
+from kb.crawl.connector import Answer, Phase
 from kb.crawl.job import work
 from kb.crawl.limits import check_length
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.reddit.crawl import reduce
-from kb.reddit.crawl.client import IDS, LISTED, ROOT, Client
+from kb.reddit.crawl.client import LISTED, ROOT, Client
 from kb.reddit.crawl.errors import REDIRECT, STATUS, no_subreddit, require, too_deep
 from kb.reddit.crawl.reduce import KINDS, ListingCursor, Span, crawled, outside
-from kb.reddit.dumps.cursor import recover_segments
+from kb.reddit.crawl.subreddit import Subreddit
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.reddit.parse.answer_tree import theirs
 from kb.reddit.parse.remove_ids import without, without_asked
 from kb.reddit.source import Reddit
-from kb.store.rawlog.rawlog import Envelope, Request
+from kb.store.rawlog.rawlog import Request
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
 
@@ -153,35 +152,16 @@ class RedditFetcher:
         return Answer(kind, request.endpoint, request.params, clean, status), people
 
 
-MORE = Phase(kind="more", unit="further comments", feeds=("more", "thread"), batch=IDS, shown=False)
-THREAD = Phase(kind="thread", unit="deep threads", feeds=("more", "thread"), shown=False)
-TREE = Phase(
-    kind="tree",
-    unit="posts",
-    name="reddit",
-    feeds=("more", "thread"),
-    limited=True,
-    seeks=True,  # of a span of time most posts may be left out
-)
-LISTING = Phase(kind="listing", unit="listings", feeds=("tree", "listing"), shown=False)
-# Things asked for by name: by a refresh and a reconstruction.
-INFO = Phase(kind="info", unit="posts and comments", batch=IDS, limited=True)
-
-
-class RedditConnector(Connector):
+class RedditConnector(Subreddit):
     """The crawl of a subreddit. `since` and `until` bound the dates of posts (UTC, since included).
 
     `comments` counts the comments that this run has read.
     """
 
-    name = "reddit"
-    phases: tuple[Phase, ...] = (MORE, THREAD, TREE, LISTING)
-    payloads = reduce.PAYLOADS
-
     def __init__(
         self, run: Run, since: datetime | None = None, until: datetime | None = None
     ) -> None:
-        self.run, self.section = run, run.profile.section(RedditSection)
+        super().__init__(run)
         self.span = reduce.Span(
             since.timestamp() if since else None, until.timestamp() if until else None
         )
@@ -191,16 +171,7 @@ class RedditConnector(Connector):
         """The host and the subreddit. Raises MissingCredential."""
         require(self.run)
         host = self.run.settings.kb_reddit_endpoint or ROOT
-        return {"host": host, "subreddit": self.section.subreddit.lower()}
-
-    def begin(self, opened: Opened) -> None:
-        """Recover interrupted imports before raw answers are replayed."""
-        super().begin(opened)
-        self.settle()
-
-    def settle(self) -> None:
-        """Complete the segments of a killed import."""
-        recover_segments(self.run.root)
+        return {"host": host, **super().identity()}
 
     def discover(self, frontier: Frontier) -> None:
         """The profile's listings; with --again a new round of them."""
@@ -258,12 +229,9 @@ class RedditConnector(Connector):
         if theirs:
             self.opened.frontier.mark(phase.kind, theirs, "skipped", "purged")
 
-    def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
-        reduce.reduce(frontier, kind, envelope)
-
     @cached_property
     def _fetch(self) -> RedditFetcher:
-        """Made with the first request: an import sends none."""
+        """Made with the first request."""
         frontier = self.opened.frontier
 
         def spend(endpoint: str, units: int) -> Callable[[str], None]:
@@ -282,14 +250,6 @@ class RedditConnector(Connector):
         return RedditFetcher(
             client, scrubber, self.opened.purged, self.section.subreddit, self.span
         )
-
-
-class Dumps(RedditConnector):
-    """The import of dumps, which sends no requests."""
-
-    def identity(self) -> dict[str, str]:
-        """The subreddit."""
-        return {"subreddit": self.section.subreddit.lower()}
 
 
 def crawl(run: Run, since: datetime | None = None, until: datetime | None = None) -> Summary:

@@ -16,7 +16,7 @@ from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped
 from kb.core.summary import Summary
 from kb.crawl.session import open_session
-from kb.reddit.crawl.connector import Dumps
+from kb.reddit.crawl.subreddit import Subreddit
 from kb.reddit.dumps.cursor import (
     KIND,
     DumpCursor,
@@ -44,7 +44,7 @@ def import_dumps(
     """
     section = run.profile.section(RedditSection)
     dumps = find_dumps(run, files)
-    with open_session(run, Dumps(run)) as session:
+    with open_session(run, Subreddit(run)) as session:
         load_key(run.root)
         job = ImportJob(
             root=str(run.root.absolute()),

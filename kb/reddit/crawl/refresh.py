@@ -22,8 +22,9 @@ from kb.crawl.connector import Answer, Opened, Phase
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.reddit.crawl.connector import INFO, RedditConnector
+from kb.reddit.crawl.connector import RedditConnector
 from kb.reddit.crawl.reduce import RefreshItem
+from kb.reddit.crawl.subreddit import INFO
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.latest_state import LatestState, latest_state
 from kb.reddit.source import Reddit

@@ -36,6 +36,7 @@ from kb.reddit.parse import answer_tree
 # Every chunk is searched several times, so it should fit the processor's cache (see tests/bench).
 CHUNK = 512 << 10  # decompressed bytes of a chunk, about
 _PIECE = 32 << 10  # compressed bytes that are read at once; zstd expands them 10 to 30 times
+_EXPANDED = 1 << 20  # bytes that hold most expanded pieces
 _LARGEST = 256 << 20  # decompressed bytes of a block of zst_blocks; Arctic Shift's have about 1 MiB
 _HEAD = 18  # bytes of the longest header of a zstd frame
 _WORKSPACE = 32 << 20  # memory besides the window: a chunk and copies of it
@@ -198,27 +199,45 @@ def _rows(engine: zstandard.ZstdDecompressor, block: bytes) -> tuple[list[bytes]
     return [row for row, end in zip(rows, ends, strict=True) if end <= len(data)], False
 
 
-def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
-    """A loop over frames: python-zstandard's stream reader does not report a truncated file, and a
-    plain decompressor stops after the first frame.
+class _Ending:
+    """A compressed file with a zero byte behind its end, with which no frame begins.
+
+    The decompressor refuses it between two frames and takes it within one, so that it tells whether
+    the last frame is whole; python-zstandard itself does not say.
     """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self.over = file, False
+
+    def read(self, size: int) -> bytes:
+        data = self._file.read(size)
+        if data or self.over:
+            return data
+        self.over = True
+        return b"\0"
+
+
+def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
+    # glibc keeps freed blocks of up to this size from now on, instead of returning each one.
+    bytes(4 * _EXPANDED)
+    source = _Ending(file)
     engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
-    frame, fresh = engine.decompressobj(write_size=CHUNK), True
-    while rest := file.read(_PIECE):
-        while rest:
-            try:
-                data = frame.decompress(rest)
-            except zstandard.ZstdError as error:
-                progress.truncated, progress.problem = True, f"damaged frame: {error}"
-                return
-            fresh = False
-            for at in range(0, len(data), CHUNK):
-                yield data[at : at + CHUNK]
-            rest = frame.unused_data if frame.eof else b""
-            if frame.eof:
-                frame, fresh = engine.decompressobj(write_size=CHUNK), True
-    if not fresh:
-        progress.truncated, progress.problem = True, "the last frame is cut off"
+    reader = engine.stream_reader(
+        source,  # type: ignore[arg-type]  # it calls no other method
+        read_size=_PIECE,
+        read_across_frames=True,
+    )
+    try:
+        # read1 decompresses into what it returns: other ways copy all of it once or twice.
+        while (piece := reader.read1(_EXPANDED)) and not source.over:
+            yield piece
+    except zstandard.ZstdError as error:
+        if not source.over:
+            progress.truncated, progress.problem = True, f"damaged frame: {error}"
+            return
+        if "Unknown frame descriptor" in str(error):
+            return
+    progress.truncated, progress.problem = True, "the last frame is cut off"
 
 
 DEEPEST = 200  # nested lists and objects; Reddit's records have about ten levels

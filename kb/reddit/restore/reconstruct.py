@@ -43,11 +43,12 @@ from kb.crawl.connector import Answer, Phase
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.net import redact
-from kb.reddit.crawl.connector import INFO, MORE, THREAD, TREE, RedditConnector
+from kb.reddit.crawl.connector import RedditConnector
 from kb.reddit.crawl.errors import require
 from kb.reddit.crawl.ids import Ids, WantedThings, asked_for, released, subreddit_of
 from kb.reddit.crawl.importer import import_files
 from kb.reddit.crawl.reduce import PAYLOADS
+from kb.reddit.crawl.subreddit import INFO, MORE, THREAD, TREE
 from kb.reddit.dumps.cursor import cursor_name, recover_segments
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.dumps.import_file import ImportJob

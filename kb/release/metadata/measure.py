@@ -21,12 +21,11 @@ from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.release.gate.personal import personal_counts
 from kb.schema import Column, Table, released_tables
 from kb.schema.tables import tables
-from kb.store.layout import Layout, parquet_files
+from kb.store.layout import VERDICTS, Layout, parquet_files
 from kb.store.state import tombstones
 from kb.store.tables import database, parquet
 from kb.store.tables.checksums import digest
 from kb.store.tables.reading import SANDBOX_MODEL, filtered, scan
-from kb.store.tables.row_counts import VERDICTS
 
 Span = tuple[datetime, datetime]
 

@@ -17,8 +17,8 @@ from pathlib import Path
 import duckdb
 
 from kb.store import atomic
+from kb.store.leftovers import SPILL
 
-SPILL = ".duckdb"  # and the process; below the data root, there only while something is spilled
 _FEW = 16 << 20  # bytes of Parquet of which nothing is spilled
 
 

@@ -7,11 +7,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from kb.store.damage import opening
-from kb.store.layout import parquet_files
+from kb.store.layout import VERDICTS, parquet_files
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
-
-VERDICTS = ("rejected", "failed", "pending")
 
 
 def rows(folder: Path) -> int:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import structlog
 
 from kb.cli import main
 from kb.cli.app import context, leaves
@@ -307,8 +306,7 @@ def test_examples_name_options_that_exist(name: str) -> None:
 def test_nothing_on_stderr_or_stdout_acts(capsys: pytest.CaptureFixture[str]) -> None:
     handlers = logging.getLogger().handlers[:]
     try:
-        configure_logs(quiet=False, debug=False)
-        structlog.get_logger().warning(HOSTILE, answer=HOSTILE)
+        configure_logs(debug=False)
         logging.getLogger("praw").warning("said %s", HOSTILE)
         report(FatalError(f"refused: {HOSTILE}"), debug=True, as_json=False)
         show_summary({"why": HOSTILE}, False)
@@ -316,7 +314,6 @@ def test_nothing_on_stderr_or_stdout_acts(capsys: pytest.CaptureFixture[str]) ->
         LineProgress(sys.stderr).say(HOSTILE)
     finally:
         logging.getLogger().handlers[:] = handlers
-        structlog.reset_defaults()
     done = capsys.readouterr()
     for stream in (done.out, done.err):
         assert not set("\x1b\x07\x9b\u202e\r\u2028\ud800") & set(stream)

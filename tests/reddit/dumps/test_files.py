@@ -5,6 +5,7 @@ import gzip
 import io
 import json
 import lzma
+import random
 import struct
 import zipfile
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from tests.reddit.dumped import (
     archived,
     block,
     blocks,
+    frame,
     import_killed,
     imported,
     joined,
@@ -234,6 +236,25 @@ def test_pieces_stay_small(tmp_path: Path, pack: Pack) -> None:
     sizes = [len(piece) for piece in files.pieces(tmp_path / "x", ReadProgress())]
     assert max(sizes) < 5_000_000
     assert sum(sizes) > 40_000_000
+
+
+@pytest.mark.parametrize("last", [joined([post("b")]), b"{" + random.Random(1).randbytes(90)])
+def test_a_last_frame_is_whole_or_cut_off(tmp_path: Path, last: bytes) -> None:
+    """With its content compressed and as it is, and without a checksum."""
+    behind = b"\x50\x2a\x4d\x18" + (5).to_bytes(4, "little") + b"-" * 5  # holds no content
+    whole = [frame(joined([post("a")])), behind, zstandard.compress(last)]
+    for number in range(1, 4):
+        (tmp_path / "x").write_bytes(b"".join(whole[:number]))
+        progress = ReadProgress()
+        found = b"".join(files.pieces(tmp_path / "x", progress))
+        assert found == joined([post("a")]) + (last if number == 3 else b"")
+        assert not progress.truncated
+    for cut in range(1, len(whole[-1]) - 3):
+        (tmp_path / "x").write_bytes(b"".join(whole)[:-cut])
+        progress = ReadProgress()
+        found = b"".join(files.pieces(tmp_path / "x", progress))
+        assert found in [joined([post("a")]) + last[:size] for size in range(len(last) + 1)]
+        assert progress.problem == "the last frame is cut off"
 
 
 def test_zeros_behind_the_last_gzip_member_are_padding(tmp_path: Path) -> None:

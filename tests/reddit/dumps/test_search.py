@@ -40,6 +40,20 @@ def test_every_spelling_of_the_name_in_any_order(tmp_path, order, own, others):
     assert sorted(data["id"] for _, data in imported(tmp_path)) == ["a", "b", "c", "d"]
 
 
+@pytest.mark.parametrize("name", ["aw", "body", "R2D2_abcdef", "12345678", "a_b_c_d_e_f"])
+def test_names_of_any_length_and_signs(name):
+    spelled = [name, name.lower(), name.upper(), name.swapcase()]
+    others = [name + "x", "x" + name, name[1:], name[:-1], "pics"]
+    lines = [comment(one, subreddit=one) for one in (*others, *spelled) for _ in range(200)]
+    data = b"".join(json.dumps(line).encode() + b"\n" for line in lines)
+    taken = []
+    found = SubredditSearch(name)(
+        Chunk(CHECKED, data, 0, len(data)), lambda _, record: taken.append(record["subreddit"])
+    )
+    assert taken == [one for one in spelled for _ in range(200)]
+    assert found == (len(lines), 0, None)
+
+
 def test_a_page_of_an_api_is_read_as_its_records(tmp_path):
     """An archive's answer, and Reddit's own listing with nested replies."""
     inner = {"kind": "Listing", "data": {"children": [{"kind": "t1", "data": comment("r")}]}}

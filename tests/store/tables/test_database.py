@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.store import atomic
+from kb.store import atomic, leftovers
 from kb.store.tables import database
 
 KB = Path(__file__).resolve().parents[3] / "kb"
@@ -41,7 +41,7 @@ def test_it_spills_to_the_data_root_and_leaves_nothing(
     con = database.connect(root, threads=1, memory="60MB")
     rows = con.sql(SORTED).to_arrow_reader(1000)
     rows.read_next_batch()
-    [spill] = root.glob(f"{database.SPILL}-*")
+    [spill] = root.glob(f"{leftovers.SPILL}-*")
     assert list(spill.iterdir())
     assert not atomic.has_ended(spill.name)
     assert list(here.iterdir()) == []
