@@ -12,8 +12,8 @@ import pytest
 
 from kb.sandbox.world import World
 from kb.store.lock import writer
+from tests.contract.conftest import Figureless as Job
 from tests.faults import Sandbox
-from tests.youtube.job import Job
 
 LATER = "2027-01-10T12:00:00Z"
 

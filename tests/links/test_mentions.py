@@ -62,7 +62,7 @@ def expected(world: dict[str, Any], keywords: Keywords) -> list[by_hand.Row]:
     return sorted(found, key=lambda row: row[:4])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.fixed_dictionaries(WORLD))
 def test_counts_are_those_of_a_reckoning_word_by_word(world: dict[str, Any]) -> None:
     with tempfile.TemporaryDirectory() as place:
