@@ -40,18 +40,17 @@ def bar_figure(
     described: str = "",
     labels: Sequence[str] = (),
     named: int | None = None,
-    at: int = 1,
     **options: Any,
 ) -> Figure:
-    """Bars of rows (label, …) by the number at the place `at`.
+    """Bars of rows (label, …) by their number.
 
     `described` says in words what the bars are of; `named` limits how many of them the description
     lists. Other options are those of `bars`.
     """
-    unit = unit or head[at]
-    listed = ", ".join(f"{row[0]} {row[at]:,}" for row in rows[:named])
+    unit = unit or head[1]
+    listed = ", ".join(f"{row[0]} {row[1]:,}" for row in rows[:named])
     names = labels or [row[0] for row in rows]
-    sheet = bars(names, [row[at] for row in rows], unit=unit, **options)
+    sheet = bars(names, [row[1] for row in rows], unit=unit, **options)
     alt = f"Bars of {described or f'{unit} by {head[0]}'}: {listed}."
     return Figure(name, title, caption, alt, saved(sheet), head, rows)
 
