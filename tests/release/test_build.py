@@ -19,7 +19,6 @@ from kb.store.state import tombstones
 from tests.release.conftest import a_run
 from tests.release.made import build
 
-
 SOURCES = ("youtube", "wiki", "pairs")
 
 
