@@ -47,7 +47,7 @@ def played(place: Path, profile: str, without: tuple[str, ...]) -> Demo:
         patch.setenv("KB_NOW", NOW)
         before = set(os.environ)
         options = Options(data=place, profile=profile, quiet=True, workers=1)
-        steps = play(options, without, **DEMO)
+        steps = play(options, without, **DEMO, n_pages=14)
         for name in set(os.environ) - before:
             os.environ.pop(name)  # what `patch` removes, it would bring back
     return Demo(place / "demo", steps)

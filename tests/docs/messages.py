@@ -70,7 +70,7 @@ def error_classes(trees: list[ast.Module]) -> set[str]:
     bases = {
         node.name: {getattr(base, "id", "") for base in node.bases}
         for tree in trees
-        for node in ast.walk(tree)
+        for node in tree.body
         if isinstance(node, ast.ClassDef)
     }
     known = {"KbError"}

@@ -25,9 +25,7 @@ class Mention(NamedTuple):
 
 
 def mentions() -> Iterator[Mention]:
-    """Each mention, file by file; of a file without one not even the syntax is looked at, as this
-    is asked while tests are collected, in each test process.
-    """
+    """Each mention, file by file; of a file without one not even the syntax is looked at."""
     for path in sorted([*ROOT.glob("kb/**/*.py"), *ROOT.glob("pipelines/*.py")]):
         text = path.read_text(encoding="utf-8")
         if "`kb " in text:
@@ -101,17 +99,11 @@ def problems_of(words: list[str], mention: Mention) -> list[str]:
     return said
 
 
-FOUND = list(mentions())
-
-
-def test_they_are_found() -> None:
-    assert len(FOUND) > 80
-    assert sum(mention.advised for mention in FOUND) > 25
-
-
-@pytest.mark.parametrize("mention", FOUND, ids=lambda one: f"{one.place} kb {one.text}")
-def test_a_command_that_is_named_exists_as_it_stands(mention: Mention) -> None:
-    assert problems(mention) == []
+def test_every_command_that_is_named_exists_as_it_stands() -> None:
+    found = list(mentions())
+    assert len(found) > 80
+    assert sum(mention.advised for mention in found) > 25
+    assert [(one.place, one.text, said) for one in found if (said := problems(one))] == []
 
 
 @pytest.mark.parametrize(

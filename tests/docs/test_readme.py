@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from kb.cli.app import TREE
+from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.cli.test_app import COMMANDS
 from tests.installed import outside
@@ -48,16 +49,9 @@ def test_there_are_queries_with_output() -> None:
 @pytest.mark.parametrize("number", range(len(SESSIONS)))
 def test_what_is_shown_is_what_comes(number: int, demo: Path) -> None:
     command, wanted = SESSIONS[number]
-    programs = Path(sys.executable).parent
-    done = subprocess.run(
-        ["bash", "-c", command],
-        cwd=demo,
-        env={**clean_environment(), "PATH": f"{programs}:{os.environ['PATH']}"},
-        capture_output=True,
-        text=True,
-        check=False,
-        stdin=subprocess.DEVNULL,
-    )
+    program, *words = shlex.split(command.replace("\\\n", " "))
+    assert program == "kb"
+    done = processes.run(words, env=clean_environment(), cwd=demo)
     assert done.returncode == 0, done.stderr
     assert done.stdout.rstrip() == wanted.rstrip()
 

@@ -1,7 +1,6 @@
 """A released root made once, for tests that only read it."""
 
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,6 +15,7 @@ from kb.release.publish.publish import publish
 from kb.sandbox.zenodo import TOKEN
 from kb.schema import tables
 from tests.faults import Sandbox
+from tests.once import once
 from tests.release.made import build, rows
 from tests.release.signed import signed
 
@@ -50,35 +50,36 @@ def november(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="session")
-def released(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def released(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The data root of a whole release; tests must not change it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
-        root = build(tmp_path_factory.mktemp("released"), sources=BY_DEFAULT)
-        release(a_run(root))
-    return root
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
+            release(a_run(build(folder / "root", sources=BY_DEFAULT)))
+
+    return once(tmp_path_factory, "released", make) / "root"
 
 
 @pytest.fixture(scope="session")
-def downloaded(released: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def downloaded(released: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The records, fetched by the addresses that the service gives."""
-    folder = tmp_path_factory.mktemp("downloaded")
-    with pytest.MonkeyPatch.context() as patch, Sandbox(services=["zenodo"]) as service:
-        patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
-        root = Path(shutil.copytree(released, folder / "root"))
-        url = service.servers["zenodo"].url
-        summary = publish(
-            a_run(root, kb_zenodo_endpoint=url, zenodo_token=TOKEN), "zenodo", publish=True
-        )
-        for source, shown in summary["sources"].items():
-            record = requests.get(f"{url}/api/records/{shown['id']}", timeout=10).json()
-            (folder / source).mkdir()
-            for file in record["files"]:
-                (folder / source / file["key"]).write_bytes(
-                    requests.get(file["links"]["self"], timeout=10).content
-                )
-        shutil.rmtree(root)
-    return folder
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch, Sandbox(services=["zenodo"]) as service:
+            patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
+            root = Path(shutil.copytree(released, folder / "root"))
+            url = service.servers["zenodo"].url
+            run = a_run(root, kb_zenodo_endpoint=url, zenodo_token=TOKEN)
+            for source, shown in publish(run, "zenodo", publish=True)["sources"].items():
+                record = requests.get(f"{url}/api/records/{shown['id']}", timeout=10).json()
+                (folder / "records" / source).mkdir(parents=True)
+                for file in record["files"]:
+                    (folder / "records" / source / file["key"]).write_bytes(
+                        requests.get(file["links"]["self"], timeout=10).content
+                    )
+
+    return once(tmp_path_factory, "downloaded", make) / "records"
 
 
 @pytest.fixture(scope="session")

@@ -19,6 +19,8 @@ from kb.store.state import tombstones
 from tests.release.conftest import a_run
 from tests.release.made import build
 
+SOURCES = ("youtube", "wiki", "pairs")
+
 
 def content(root: Path) -> dict[str, bytes]:
     return {
@@ -32,9 +34,9 @@ def test_same_bytes_twice_later_and_with_more_workers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, second = tmp_path / "a", tmp_path / "elsewhere" / "b"
-    release(a_run(build(first)))
+    release(a_run(build(first, sources=SOURCES)))
     monkeypatch.setenv("KB_NOW", "2026-11-20T11:11:11Z")
-    run = a_run(build(second))
+    run = a_run(build(second, sources=SOURCES))
     release(Run(run.settings, run.profile, second, workers=4))
     assert content(first) == content(second)
     release(a_run(first))
@@ -46,7 +48,7 @@ def test_every_known_licence_has_its_text() -> None:
 
 
 def test_tombstones_follow_and_reach_the_pairs(tmp_path: Path) -> None:
-    build(tmp_path)
+    build(tmp_path, sources=SOURCES)
     tombstones.add(tmp_path, "youtube", [("vid-gone", "deleted")])
     release(a_run(tmp_path))
     for source in ("youtube", "pairs"):

@@ -151,7 +151,7 @@ def test_papers_name_where_the_software_is(
     )
     monkeypatch.syspath_prepend(package.parent)
     installation.software_address.cache_clear()
-    root = build(tmp_path / "root")
+    root = build(tmp_path / "root", sources=("wiki",))
     release(a_run(root))
     installation.software_address.cache_clear()
     folder = root / "release" / "wiki"

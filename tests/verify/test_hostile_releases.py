@@ -17,7 +17,7 @@ from kb.reader import screenshots
 from kb.store.damage import SMALL, read_small
 from tests.inprocess import Here
 
-MEMORY = 500_000  # kB
+MEMORY = 300_000  # kB
 DEEP = "[" * 200_000
 
 
@@ -36,7 +36,7 @@ def zeros(path: Path) -> None:
 
 def large(path: Path) -> None:
     with path.open("wb") as file:
-        file.truncate(12 * SMALL)  # more than MEMORY
+        file.truncate(7 * SMALL)  # more than MEMORY
 
 
 def many(folder: Path) -> None:

@@ -130,7 +130,7 @@ def query(
     address = table_catalog.address_of(run.settings.kb_data)
     views = None
     if address:
-        from kb.artifacts import remote_release  # its import alone takes as long as a query
+        from kb.artifacts import remote_release  # not for nothing: its import takes long
 
         views = remote_release.read_views(address)
     else:

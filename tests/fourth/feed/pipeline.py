@@ -14,7 +14,7 @@ from kb.store.tables.partition import RawKind
 
 def parse(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """Envelopes of notes → the columns of feed/notes."""
-    for rows, _ in ColumnReader(table("feed/notes"), "notes").tables(lines, 8_192):
+    for rows, _ in ColumnReader(table("feed/notes"), "notes").tables(lines):
         yield rows
 
 
