@@ -12,12 +12,10 @@ import hypothesis
 import pytest
 
 from kb.core import clock
-from tests import processes
 
 # A slow machine is no defect; the same examples everywhere, so that a failure can be seen again.
 hypothesis.settings.register_profile("lorecrawl", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("lorecrawl")
-processes.leave_the_disk_alone()
 
 ROOT = Path(__file__).resolve().parent.parent
 pytest_plugins = ["tests.installed", "tests.inprocess"]
