@@ -23,7 +23,7 @@ hypothesis.settings.register_profile("lorecrawl", deadline=None, derandomize=Tru
 hypothesis.settings.load_profile("lorecrawl")
 
 ROOT = Path(__file__).resolve().parent.parent
-pytest_plugins = ["tests.installed", "tests.inprocess"]
+pytest_plugins = ["tests.inprocess", "tests.installed"]
 
 
 SLOW = ("wheel", "dask", "crash", "mediawiki", "slow")  # marks; pyproject.toml says what they mean

@@ -132,6 +132,12 @@ class ForkedProcess:
         out, err = (path.read_text("utf-8", errors) if path.exists() else "" for path in streams)
         return out, err
 
+    def lines(self, count: int) -> list[str]:
+        """Its lines on stdout, as soon as there are so many or it has ended."""
+        while self.output()[0].count("\n") < count and self.returncode is None:
+            time.sleep(0.005)
+        return self.output()[0].splitlines()
+
     def wait(self, timeout: float | None = None) -> int:
         """Wait for its end and return the exit code. Raises subprocess.TimeoutExpired."""
         connection.wait([self._process.sentinel], timeout)

@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,9 +31,7 @@ class Explored:
 
     def __init__(self, process: processes.ForkedProcess) -> None:
         self.process = process
-        while not (out := process.output()[0]).endswith("\n") and process.poll() is None:
-            time.sleep(0.005)
-        self.address = address = out.strip()
+        self.address = address = next(iter(process.lines(1)), "")
         self.port = int(address.rstrip("/").rpartition(":")[2] or 0)  # "" where it did not start
 
     def ask(self, path: str, method: str = "GET", **headers: str) -> Answer:
