@@ -29,6 +29,7 @@ _LATE = (
     "PIL.PngImagePlugin",
     "distributed",
     "googleapiclient.discovery",
+    "httpcore2._api",
     "httpx2",
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
@@ -36,6 +37,7 @@ _LATE = (
     "selenium.webdriver",
     "structlog",
     "tokenizers",
+    "tqdm.auto",
     "wordcloud",
 )
 _CONTEXT = multiprocessing.get_context("forkserver")
