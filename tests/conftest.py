@@ -4,6 +4,9 @@ and what to do when something is not installed.
 
 import importlib.util
 import os
+import threading
+import time
+from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 from typing import NoReturn
@@ -11,16 +14,16 @@ from typing import NoReturn
 import hypothesis
 import pytest
 
-from kb.core import clock
-from tests import processes
+from kb.core import clock, signals
+from kb.core.config.profile import collecting
+from kb.net import retry
 
 # A slow machine is no defect; the same examples everywhere, so that a failure can be seen again.
 hypothesis.settings.register_profile("lorecrawl", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("lorecrawl")
-processes.leave_the_disk_alone()
 
 ROOT = Path(__file__).resolve().parent.parent
-pytest_plugins = ["tests.installed", "tests.inprocess"]
+pytest_plugins = ["tests.inprocess", "tests.installed"]
 
 
 SLOW = ("wheel", "dask", "crash", "mediawiki", "slow")  # marks; pyproject.toml says what they mean
@@ -103,10 +106,35 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: (long.get(item.path, len(LONG)), item.path not in slow))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _at_once() -> Iterator[None]:
+    """Tries follow each other without a wait (Retry-After is still heeded), and pages of wikis,
+    which don't change late, are captured soon.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(retry, "FIRST_S", 0.001)
+        patch.setattr(collecting, "STILL_S", 0.1)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def _no_time_has_passed(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a test waited for by a date that is set counts for that test alone."""
     monkeypatch.setattr(clock, "_passed", timedelta())
+
+
+@pytest.fixture
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who waits in this process sets `clock.monotonic` ahead instead."""
+    ahead, lock = [0.0], threading.Lock()
+
+    def sleep(seconds: float) -> None:
+        with lock:
+            ahead[0] += max(0.0, seconds)
+        signals.stop.check()
+
+    monkeypatch.setattr(clock, "monotonic", lambda: time.monotonic() + ahead[0])
+    monkeypatch.setattr(clock, "sleep", sleep)
 
 
 def skip_or_fail(reason: str) -> NoReturn:

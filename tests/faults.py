@@ -14,10 +14,10 @@ import struct
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from time import time
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
+from kb.core import clock
 from kb.sandbox import server
 from kb.sandbox.server import Wsgi
 
@@ -58,7 +58,7 @@ class Ledger:
         with self._lock:
             request = LoggedRequest(
                 number=len(self._requests),
-                time=time(),
+                time=clock.monotonic(),
                 service=service,
                 method=environ["REQUEST_METHOD"],
                 path=environ.get("PATH_INFO", ""),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import processes
+from tests import inprocess
 from tests.cli.conftest import clean_environment
 from tests.once import once
 
@@ -87,7 +87,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which `kb demo` was run: its data are in data/demo."""
 
     def run(folder: Path) -> None:
-        done = processes.run(["demo"], env=clean_environment(), cwd=folder)
-        assert done.returncode == 0, done.stderr[-3000:]
+        done = inprocess.run(["demo"], env=clean_environment(), cwd=folder)
+        assert done.code == 0, done.err[-3000:]
 
     return once(tmp_path_factory, "demo", run)

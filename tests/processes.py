@@ -23,7 +23,6 @@ from multiprocessing import connection
 from pathlib import Path
 
 import kb
-from kb.store.state import crawl_state
 
 # Commands import these late; none of them starts a thread when it is imported.
 _LATE = (
@@ -134,6 +133,12 @@ class ForkedProcess:
         out, err = (path.read_text("utf-8", errors) if path.exists() else "" for path in streams)
         return out, err
 
+    def lines(self, count: int) -> list[str]:
+        """Its lines on stdout, as soon as there are so many or it has ended."""
+        while self.output()[0].count("\n") < count and self.returncode is None:
+            time.sleep(0.005)
+        return self.output()[0].splitlines()
+
     def wait(self, timeout: float | None = None) -> int:
         """Wait for its end and return the exit code. Raises subprocess.TimeoutExpired."""
         connection.wait([self._process.sentinel], timeout)
@@ -169,15 +174,6 @@ class ForkedProcess:
         self.send_signal(signal.SIGKILL)
 
 
-def leave_the_disk_alone() -> None:
-    """From here on in this process, what is written reaches the system's cache and nobody waits
-    until it is on the disk, which is most of a crawl's time. Only a power cut could tell; a killed
-    process loses nothing. Tests of full disks run on tmpfs, which never waits.
-    """
-    os.fsync = lambda _: None
-    crawl_state.SYNCHRONOUS = "OFF"
-
-
 def is_stopped(pid: int) -> bool:
     """Whether a process is in the stopped state."""
     try:
@@ -191,7 +187,6 @@ def _enter(
     target: Callable[[list[str]], None], words: list[str], env: dict[str, str], cwd: Path, at: Path
 ) -> None:
     """Take on streams, environment and working folder, then call the target."""
-    leave_the_disk_alone()
     for number, path in enumerate((os.devnull, at / "out", at / "err")):
         opened = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
         os.dup2(opened, number)

@@ -23,8 +23,8 @@ def texts():
     anywhere between 0 and 1.
     """
     rng = random.Random(12)
-    mixed = [" ".join(rng.choices(WORDS, k=rng.randint(1, 40))) for _ in range(250)]
-    return demo_texts()[::12], mixed
+    mixed = [" ".join(rng.choices(WORDS, k=rng.randint(1, 40))) for _ in range(120)]
+    return demo_texts()[::30], mixed
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ missing or cut one is exit 2 with what to do.
 import os
 import pickle
 import shutil
+import socket
 import subprocess
-import sys
 
 import pytest
 
@@ -261,25 +261,20 @@ def test_a_configuration_of_another_model_is_exit_2(copied):
         load_detoxify(find(copied, kb_toxicity_sha256=sha256_of(copied)))
 
 
-def test_it_loads_without_asking_any_host(tiny):
+def test_it_loads_without_asking_any_host(tiny, monkeypatch):
     """The checkpoint says bert-base-uncased: plain Detoxify would ask the model hub for it."""
-    code = (
-        "import socket, sys\n"
-        "def refuse(*a, **k): sys.exit('a host was asked')\n"
-        "socket.socket.connect = socket.getaddrinfo = socket.create_connection = refuse\n"
-        "from kb.annotate.checkpoint import find_checkpoint\n"
-        "from kb.annotate.detoxify_model import load_detoxify\n"
-        "from kb.core.config.settings import load_settings\n"
-        "model = load_detoxify(find_checkpoint(load_settings(dotenv=False,"
-        f" kb_toxicity_model={str(tiny)!r})))\nassert max(model.predict('you are a stupid"
-        " idiot').values()) > 0.5\nprint(model.class_names)\n"
-    )
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HF_")}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert "identity_attack" in done.stdout
+
+    def refuse(*arguments, **options):
+        pytest.fail("a host was asked")
+
+    for name in [name for name in os.environ if name.startswith("HF_")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setattr(socket.socket, "connect", refuse)
+    for name in ("getaddrinfo", "create_connection"):
+        monkeypatch.setattr(socket, name, refuse)
+    model = load_detoxify(find(tiny))
+    assert max(model.predict("you are a stupid idiot").values()) > 0.5
+    assert "identity_attack" in model.class_names
 
 
 def test_without_the_extra_it_is_exit_2(monkeypatch, make_run):

@@ -62,7 +62,7 @@ def test_words_that_only_begin_like_an_insult_are_plain(runner):
 
 def test_one_phrase_among_512_tokens_wherever_it_stands(chosen):
     texts = []
-    for number, phrase in enumerate(map(str.split, PHRASES)):
+    for number, phrase in enumerate(map(str.split, PHRASES[::4])):
         room = 510 - len(phrase)
         at = (0, room, number * 31 % room)[number % 3]
         texts.append(" ".join([*["stone"] * at, *phrase, *["stone"] * (room - at)]))

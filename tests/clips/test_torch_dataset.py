@@ -29,6 +29,7 @@ import torch  # noqa: E402
 from torch.utils.data import DataLoader, IterableDataset  # noqa: E402
 from torchdata.stateful_dataloader import StatefulDataLoader  # noqa: E402
 
+FPS = 8  # times are exact in binary
 VIDEOS = 9  # two pairs each; the last has no film, the one before it a short one
 SMALL: dict[str, Any] = {"frames": 2, "size": (48, 80)}
 
@@ -45,11 +46,11 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Films of 20 s, whose frames carry their numbers."""
     folder = tmp_path_factory.mktemp("films")
     first = folder / "vid00000000.mp4"
-    film(first, "libx264", range(500), Fraction(1, 25), (160, 90), {"preset": "veryfast"})
+    film(first, "libx264", range(20 * FPS), Fraction(1, FPS), (160, 90), {"preset": "veryfast"})
     for number in range(1, VIDEOS - 2):
         (folder / f"vid{number:08d}.mp4").symlink_to(first)
     short = folder / f"vid{VIDEOS - 2:08d}.mp4"
-    film(short, "libx264", range(100), Fraction(1, 25), (160, 90), {"preset": "veryfast"})
+    film(short, "libx264", range(4 * FPS), Fraction(1, FPS), (160, 90), {"preset": "veryfast"})
     return folder
 
 
@@ -97,7 +98,7 @@ def test_clips_have_the_shapes_and_values_that_models_take(root: Path, source) -
             name: pair[name] for name in ("text", "keyword", "video_id")
         }
         shown = [number_of(np.moveaxis(one.numpy(), 0, -1)) for one in clip["video"]]
-        assert shown == [int(time * 25) for time in clip["frame_times_s"].tolist()]
+        assert shown == [int(time * FPS) for time in clip["frame_times_s"].tolist()]
 
 
 def test_height_and_width_are_not_swapped(root: Path, films: Path) -> None:
@@ -138,7 +139,7 @@ def test_seed_and_epoch_give_the_order(root: Path, source) -> None:
     assert len({tuple(sorted(one)) for one in first + other}) == 1
 
 
-@pytest.mark.parametrize("taken", [0, 1, 5, 14])
+@pytest.mark.parametrize("taken", [0, 5, 14])
 def test_a_state_resumes_in_the_middle_of_an_epoch(root: Path, source, taken: int) -> None:
     dataset = kb.load(root).clips().torch(**source, **SMALL)
     dataset.set_epoch(3)

@@ -3,15 +3,16 @@
 import http.client
 import os
 import re
-import subprocess
+import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
+from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
 from tests.report.test_browser import browser  # noqa: F401  the fixture
@@ -28,10 +29,9 @@ class Answer(NamedTuple):
 class Explored:
     """A running server."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        assert process.stdout is not None
+    def __init__(self, process: processes.ForkedProcess) -> None:
         self.process = process
-        self.address = address = process.stdout.readline().strip()
+        self.address = address = next(iter(process.lines(1)), "")
         self.port = int(address.rstrip("/").rpartition(":")[2] or 0)  # "" where it did not start
 
     def ask(self, path: str, method: str = "GET", **headers: str) -> Answer:
@@ -56,23 +56,23 @@ class Explored:
 
 # So that root, as which tests may run, obeys the permissions of files as well.
 UNPRIVILEGED = ("setpriv", "--bounding-set", "-dac_override") if os.geteuid() == 0 else ()
+_BECOME = "import os, sys; os.execvp(sys.argv[1], sys.argv[1:])"
 
 
 @contextmanager
 def explored(root: Path, *options: str, before: Sequence[str] = ()) -> Iterator[Explored]:
     """`kb explore` over a folder, until the block ends; `before` are words before the command."""
-    explore = [sys.executable, "-m", "kb", "explore", "--no-browser", "--data", str(root)]
-    process = subprocess.Popen(
-        [*before, *explore, *options],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**clean_environment(), "PYTHONPATH": str(ROOT)},
-        cwd=os.sep,
-    )
+    words = ("explore", "--no-browser", "--data", root, *options)
+    at: Any = {"env": {**clean_environment(), "PYTHONPATH": str(ROOT)}, "cwd": Path(os.sep)}
+    if before:
+        whole = (*before, sys.executable, "-m", "kb", *words)
+        process = processes.program(_BECOME, *whole, **at)
+    else:
+        process = processes.start(words, **at)
     try:
         yield Explored(process)
     finally:
-        process.terminate()
+        process.send_signal(signal.SIGTERM)
         process.wait()
 
 

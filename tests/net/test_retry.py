@@ -14,6 +14,7 @@ from kb.net import retry
 def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """How long was waited; nobody really waits."""
     found: list[float] = []
+    monkeypatch.setattr(retry, "FIRST_S", 0.5)
     monkeypatch.setattr(clock, "sleep", found.append)
     return found
 

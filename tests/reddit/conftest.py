@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from kb.net import retry
 from kb.sandbox.reddit.service import dumps
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.world import World
@@ -21,10 +20,9 @@ def small_world(n_posts: int = 30, *, width: int = 1_200, depth: int = 40) -> Wo
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fixed date, and tries that follow each other at once; Retry-After is still heeded."""
+def one_date(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fixed date."""
     monkeypatch.setenv("KB_NOW", NOW)
-    monkeypatch.setattr(retry, "FIRST_S", 0.001)
 
 
 @pytest.fixture

@@ -289,7 +289,7 @@ copies = st.builds(
 )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.lists(copies, min_size=2, max_size=4), st.data())
 def test_any_order_of_any_copies_says_the_same(found: list[Copy], data: st.DataObject) -> None:
     """In any files, imported and reconstructed one after the other in any order."""

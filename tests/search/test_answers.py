@@ -400,7 +400,7 @@ SPOIL = [flip, lambda path: path.write_bytes(path.read_bytes()[:-9]), Path.unlin
 def test_a_damaged_index_is_told(root: Path, spoil: Callable[[Path], Any]) -> None:
     run, folder = run_at(root), Layout(root).index("wiki")
     kinds = sorted({Path(name).suffix for name in files_of(folder)} - {".lock"})
-    for suffix in kinds:
+    for suffix in kinds[SPOIL.index(spoil) :: len(SPOIL)]:  # each kind in one way
         names = files_of(folder).keys() - {MANIFEST, ".managed.json"}
         name = min(name for name in names if name.endswith(suffix))
         assert not verify(root, run.progress).of("index")

@@ -1,4 +1,4 @@
-"""A hundred questions a source, of which each has one right place in the invented world.
+"""Sixty questions a source, of which each has one right place in the invented world.
 
 The world says in each of its places how one animal is treated, and in the same place names another
 action and another animal apart. It is crawled by the real clients, and every link of an answer is
@@ -39,7 +39,7 @@ ACTIONS = (
     "saddle", "pacify", "lure", "hatch", "wash",
 )  # fmt: skip
 PAIRS = [(action, animal) for animal in ANIMALS for action in ACTIONS]
-QUESTIONS = 100
+QUESTIONS = 60
 
 
 def told(number: int) -> str:
@@ -67,8 +67,8 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Known]:
         chromium.find()
     except Exception as error:  # noqa: BLE001
         skip_or_fail(str(error))
-    world = World(n_channels=8, n_videos=160)
-    world.reddit = Subreddit(0, 130, width=60, depth=12)
+    world = World(n_channels=8, n_videos=100)
+    world.reddit = Subreddit(0, 80, width=60, depth=12)
     places: dict[str, dict[int, str]] = {
         "youtube": _videos(world),
         "reddit": _comments(world.reddit),
@@ -149,7 +149,7 @@ def _sections(
 
 
 def kept(known: Known, source: str) -> dict[int, str]:
-    """The first hundred of the places that the filter kept."""
+    """The first sixty of the places that the filter kept."""
     tables = {
         "youtube": ("youtube/transcripts", "video_id", ""),
         "wiki": ("wiki/pages", "page_id", ""),

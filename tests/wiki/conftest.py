@@ -2,7 +2,6 @@
 
 import shutil
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,11 @@ import pytest
 from werkzeug.serving import WSGIRequestHandler, make_server
 from werkzeug.wrappers import Request, Response
 
-from kb.core import clock, signals
+from kb.core import clock
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import MissingExtra
-from kb.net import retry
 from kb.net.rate import Pace
 from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser, Pool, reach
@@ -31,14 +29,6 @@ class Quiet(WSGIRequestHandler):
 
     def log(self, type: str, message: str, *args: Any) -> None:
         """Nothing."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quick() -> Iterator[None]:
-    """Tries follow each other at once; Retry-After is still heeded."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(retry, "FIRST_S", 0.001)
-        yield
 
 
 @pytest.fixture(scope="session")
@@ -74,7 +64,6 @@ class Turns:
     def __init__(self) -> None:
         self.taken: list[tuple[Pace, float]] = []
         self.delays: list[tuple[Pace, float]] = []
-        self.now: Callable[[], float] = lambda: clock.monotonic()
 
     def before(self, delay: float, asked: list[float]) -> bool:
         """Whether each request at these moments had a turn of its own before it, all of the one
@@ -89,13 +78,13 @@ class Turns:
 
 @pytest.fixture
 def turns(monkeypatch: pytest.MonkeyPatch) -> Turns:
-    """Which turns are taken from now on, by the clock `turns.now`."""
+    """Which turns are taken from now on."""
     noted, wait, slow = Turns(), Pace.wait_within, Pace.at_least
 
     def wait_within(pace: Pace, seconds: float) -> bool:
         given = wait(pace, seconds)
         if given:
-            noted.taken.append((pace, noted.now()))
+            noted.taken.append((pace, clock.monotonic()))
         return given
 
     def at_least(pace: Pace, seconds: float) -> None:
@@ -105,20 +94,6 @@ def turns(monkeypatch: pytest.MonkeyPatch) -> Turns:
     monkeypatch.setattr(Pace, "wait_within", wait_within)
     monkeypatch.setattr(Pace, "at_least", at_least)
     return noted
-
-
-@pytest.fixture
-def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who waits in this process sets `clock.monotonic` ahead instead."""
-    ahead, lock = [0.0], threading.Lock()
-
-    def sleep(seconds: float) -> None:
-        with lock:
-            ahead[0] += max(0.0, seconds)
-        signals.stop.check()
-
-    monkeypatch.setattr(clock, "monotonic", lambda: time.monotonic() + ahead[0])
-    monkeypatch.setattr(clock, "sleep", sleep)
 
 
 class Stage:

@@ -1,6 +1,4 @@
-"""A user's work on the sandbox: `kb` as a process of its own, with the settings that point at the
-services.
-"""
+"""A user's work on the sandbox: `kb` with the settings that point at the services."""
 
 import hashlib
 import json
@@ -10,7 +8,7 @@ from typing import Any
 
 from kb.core.installation import folder
 from kb.store.rawlog import rawlog
-from tests import processes
+from tests import inprocess, processes
 from tests.cli.conftest import clean_environment
 from tests.faults import Sandbox
 
@@ -66,11 +64,12 @@ class Job:
         """`kb WORDS` in the background: for signals and kills."""
         return processes.start(words, env=self.env | env, cwd=self.place)
 
-    def kb(self, *words: str, timeout: float = 200, **env: str) -> subprocess.CompletedProcess[str]:
-        """`kb WORDS`, finished. Raises subprocess.TimeoutExpired."""
-        return processes.run(
-            words, env=self.env | env, cwd=self.place, timeout=timeout, fresh=self.fresh
-        )
+    def kb(self, *words: str, **env: str) -> subprocess.CompletedProcess[str]:
+        """`kb WORDS`, finished, in this process unless it has to be a new interpreter."""
+        at = {"env": self.env | env, "cwd": self.place}
+        if self.fresh:
+            return processes.run(words, **at, fresh=True)
+        return subprocess.CompletedProcess(words, *inprocess.run(words, **at))
 
     def done(self, *words: str, code: int = 0, **env: str) -> dict[str, Any]:
         """The summary of `kb WORDS --json`, which must end with `code`."""

@@ -41,7 +41,6 @@ MIGRATIONS = {1: "CREATE INDEX items_by_order ON items (kind, seq);"}
 # Of an item in progress: one that had failed before keeps its reason until it is answered.
 PUT_BACK = "status = CASE WHEN reason IS NULL THEN 'todo' ELSE 'error' END"
 MERGED = "merged "  # what cursors of other machines' ledgers begin with
-SYNCHRONOUS = "FULL"  # a commit is on disk when it returns
 UNREADABLE = (msgspec.DecodeError, TypeError, RecursionError, UnicodeDecodeError)
 
 
@@ -60,7 +59,7 @@ class State:
             self._db = sqlite.connect(path)
             try:
                 self._db.execute("PRAGMA journal_mode = WAL")
-                self._db.execute(f"PRAGMA synchronous = {SYNCHRONOUS}")
+                self._db.execute("PRAGMA synchronous = FULL")  # on disk when a commit returns
                 self._db.execute("PRAGMA secure_delete = ON")  # what is removed leaves its page
                 # Millions of items in one transaction would be written again and again with the
                 # 2 MiB that SQLite takes by itself.

@@ -19,6 +19,7 @@ from kb.cli.framework.messages import show_summary
 from kb.cli.framework.options import COMMON, DESCRIBED, RUNNING, SHARED
 from kb.core.errors import FatalError
 from kb.core.progress import LineProgress
+from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.core.test_terminal import HOSTILE
 
@@ -177,18 +178,9 @@ sys.exit(run_to_exit_code(app))
 """
 
 
-def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
-    environment = {**clean_environment(), "PYTHONPATH": str(Path(__file__).parents[3])}
-    process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, *arguments],
-        cwd=folder,
-        env=environment,
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "ready\n"
+def start(folder: Path, *arguments: str) -> processes.ForkedProcess:
+    process = processes.program(PROGRAM, *arguments, env=clean_environment(), cwd=folder)
+    assert process.lines(1) == ["ready"]
     return process
 
 
@@ -201,7 +193,7 @@ def test_a_crawl_finishes_the_item_in_hand_and_says_how_to_go_on(
     out, err = process.communicate(timeout=30)
     assert process.returncode == 3
     assert err == f"kb: stopped by {number.name}; run the same command to resume\n"
-    assert out == f"1 crawled, stopped by {number.name}\n"
+    assert out == f"ready\n1 crawled, stopped by {number.name}\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -209,15 +201,14 @@ def test_a_query_ends_at_once(tmp_path: Path, number: signal.Signals) -> None:
     process = start(tmp_path, "query")
     process.send_signal(number)
     out, err = process.communicate(timeout=30)
-    assert (process.returncode, out) == (3, "")
+    assert (process.returncode, out) == (3, "ready\n")
     assert err.count("\n") == 1
 
 
 def test_a_second_ctrl_c_does_not_wait_for_the_item(tmp_path: Path) -> None:
     process = start(tmp_path, "deaf")
     process.send_signal(signal.SIGINT)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "asked\n"
+    assert process.lines(2) == ["ready", "asked"]
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=30)
     assert process.returncode == 3

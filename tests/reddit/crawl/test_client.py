@@ -3,12 +3,12 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import pytest
 import requests
 
+from kb.core import clock
 from kb.core.config.profile import load_profile
 from kb.core.config.profile.base import ERROR, NOTE, WARNING, QuestionCost
 from kb.core.config.settings import load_settings
@@ -92,19 +92,19 @@ def test_a_window_that_is_long_used_up_stops_the_run_with_the_time_to_come_back(
         assert fault.hits == hits, "each run tries it by one request"
 
 
-def test_wait_sleeps_through_it(few: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wait_sleeps_through_it(few: Work, hasty: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("kb.reddit.crawl.client.PATIENCE_S", 0.5)
     few.sandbox.faults.add("^/comments/", status=500, headers=rate(0.0, 0))
     said = Said()
-    start = monotonic()
+    start = clock.monotonic()
     with pytest.raises(LimitReached):
         few.crawl(limit=1, wait=True, progress=said)
-    assert monotonic() - start >= 1
+    assert clock.monotonic() - start >= 1
     assert len(said.lines) == 1
     assert said.lines[0].startswith("waiting 1 s: Reddit's rate limit is used up")
 
 
-def test_a_short_wait_is_said_once(few: Work) -> None:
+def test_a_short_wait_is_said_once(few: Work, hasty: None) -> None:
     few.sandbox.faults.add("^/comments/", status=500, headers=rate(0.3, 0))
     said = Said()
     with pytest.raises(LimitReached):
@@ -113,16 +113,18 @@ def test_a_short_wait_is_said_once(few: Work) -> None:
 
 
 def test_seconds_that_are_rounded_down_let_no_request_through_too_early(
-    few: Work, monkeypatch: pytest.MonkeyPatch
+    few: Work, hasty: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A window of three requests in 1.4 s, as the service counts them."""
     windows: list[list[float]] = [[]]
 
     def room(service: Any) -> dict[str, str]:
-        if windows[-1] and monotonic() >= windows[-1][0] + 1.4:
+        if windows[-1] and clock.monotonic() >= windows[-1][0] + 1.4:
             windows.append([])
-        windows[-1].append(monotonic())
-        return rate(f"{max(0, 3 - len(windows[-1]))}.0", int(windows[-1][0] + 1.4 - monotonic()))
+        windows[-1].append(clock.monotonic())
+        return rate(
+            f"{max(0, 3 - len(windows[-1]))}.0", int(windows[-1][0] + 1.4 - clock.monotonic())
+        )
 
     monkeypatch.setattr("kb.sandbox.reddit.service.RedditService._room", room)
     with pytest.raises(LimitReached):

@@ -136,7 +136,7 @@ def test_what_passes_leaves_no_gap(work: Work) -> None:
     assert things(work).keys() == everything(work)
 
 
-def test_retry_after_is_waited_for(work: Work) -> None:
+def test_retry_after_is_waited_for(work: Work, hasty: None) -> None:
     work.sandbox.faults.add("^/r/", status=429, headers={"Retry-After": "1"})
     with pytest.raises(LimitReached):
         work.crawl(limit=1)
@@ -144,7 +144,7 @@ def test_retry_after_is_waited_for(work: Work) -> None:
     assert second.time - first.time >= 1
 
 
-def test_rate_headers_are_heeded(work: Work) -> None:
+def test_rate_headers_are_heeded(work: Work, hasty: None) -> None:
     head = {"x-ratelimit-remaining": "0.0", "x-ratelimit-used": "1000", "x-ratelimit-reset": "1"}
     work.sandbox.faults.add("^/r/", status=500, headers=head)
     with pytest.raises(LimitReached):

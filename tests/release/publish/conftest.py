@@ -10,8 +10,7 @@ from tests.faults import Sandbox
 
 
 @pytest.fixture
-def service(monkeypatch: pytest.MonkeyPatch) -> Iterator[Sandbox]:
-    monkeypatch.setattr("kb.net.retry.FIRST_S", 0.001)  # retries without the wait between them
+def service() -> Iterator[Sandbox]:
     with Sandbox(services=["zenodo"]) as sandbox:
         yield sandbox
 

@@ -18,6 +18,7 @@ from kb.wiki.browser.browser import Browser
 from kb.wiki.capture.page import PageTraffic
 from kb.wiki.errors import PageTimeout
 
+LATE = {"still_seconds": 0.5}  # for pages that do something only after a while
 TEXT = "<!DOCTYPE html><div id=content><p>A page that has something to say.</p>"
 
 
@@ -122,7 +123,7 @@ def test_endless_loop_is_ended_with_its_browser(pages, look, pool, loop):
 def test_loop_that_starts_while_settling(pages, look, loop):
     late = f"<script>setTimeout(() => {{ {loop} }}, 100)</script>"
     with pytest.raises(Retryable, match="page_timeout"):
-        look(pages.put("/late-loop", TEXT + late))
+        look(pages.put("/late-loop", TEXT + late), rules=LATE)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +136,7 @@ def test_loop_that_starts_while_settling(pages, look, loop):
 )
 def test_page_that_leaves(pages, look, away):
     with pytest.raises(ItemFinal, match="redirected_away") as error:
-        look(pages.put("/away", TEXT + away))
+        look(pages.put("/away", TEXT + away), rules=LATE)
     assert error.value.value.startswith(("http://elsewhere.example", "http://localhost:9"))
 
 
@@ -151,7 +152,7 @@ def test_page_that_leaves_whatever_the_driver_calls_it(pages, look, monkeypatch)
     monkeypatch.setattr(Browser, "promise", timed_out)
     away = "<script>setTimeout(() => { location.href = 'http://localhost:9/' }, 200)</script>"
     with pytest.raises(ItemFinal, match="redirected_away: http://localhost:9"):
-        look(pages.put("/away-late", TEXT + away))
+        look(pages.put("/away-late", TEXT + away), rules=LATE)
     with pytest.raises(PageTimeout):
         look(pages.put("/there", TEXT))
 

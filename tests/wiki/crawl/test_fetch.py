@@ -19,7 +19,7 @@ def test_named_titles(make_run, tmp_path):  # noqa: F811
     assert read == {"Lamp buoy", "Saltstone"}, "a named redirect leads to its target"
 
 
-def test_maxlag_is_waited_for(make_run, faults, sandbox, tmp_path):  # noqa: F811
+def test_maxlag_is_waited_for(make_run, faults, sandbox, tmp_path, hasty):  # noqa: F811
     names = tmp_path / "titles.txt"
     names.write_text("Fog\n")
     lag = {"error": {"code": "maxlag", "info": "Waiting for a database server", "lag": 6}}

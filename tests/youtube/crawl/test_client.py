@@ -254,7 +254,7 @@ def test_wait_sleeps_as_long_as_the_service_asks(few: Sandbox, tmp_path: Path, d
     assert days.time - start >= timedelta(seconds=8000)
 
 
-def test_wait_with_a_set_date_sees_the_next_day(job: Job) -> None:
+def test_wait_with_a_set_date_sees_the_next_day(job: Job, hasty: None) -> None:
     status, body = refusal("general_spent")
     job.sandbox.faults.add("/v3/videos", status=status, body=body)
     assert job.done(*CRAWL, "--wait", KB_NOW="2026-11-21T07:59:59Z")["left"] == 0

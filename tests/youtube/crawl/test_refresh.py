@@ -148,7 +148,7 @@ def test_the_next_crawl_asks_for_what_a_refresh_found_worth_it(job: Job) -> None
     assert [one["response"]["video_id"] for one in job.raw("transcripts")[before:]] == [low]
 
 
-def test_wait_sleeps_through_a_burst_and_ends_whole(job: Job) -> None:
+def test_wait_sleeps_through_a_burst_and_ends_whole(job: Job, hasty: None) -> None:
     job.sandbox.faults.add(
         "/youtube/v3/videos",
         status=429,

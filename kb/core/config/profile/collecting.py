@@ -11,6 +11,7 @@ from kb.core.config.profile.base import Phrases, Section
 # What decided the topic of videos that are known to be about it: YouTube's label, or the profile,
 # which takes imported videos as meant. `keywords` only make it likely.
 BY_LABEL, BY_PROFILE, BY_KEYWORDS = "game_label", "profile", "keywords"
+STILL_S = 0.5  # how long nothing of a wiki's page may load or move before it is captured
 TOPIC_KNOWN = (BY_LABEL, BY_PROFILE)
 
 
@@ -307,7 +308,7 @@ class WikiSection(Section):
             "infobox": markup.regions.get("infobox", ".infobox"),
             "max_elements": self.max_elements,
             "settle_seconds": self.settle_seconds,
-            "still_seconds": 0.5,
+            "still_seconds": STILL_S,
             "image_tries": 2,
             "max_pixels": self.max_pixels,
         }
