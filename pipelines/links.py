@@ -3,22 +3,20 @@
 The paper has three separate sources; here each keyword links to its wiki page, to seconds in videos
 and to threads. Keywords are matched as for pairs (pipelines/pairs.py).
 
-    names      titles and redirects of the wiki's pages, from its raw answers
-    tables     clean/ → links/*.parquet
+    tables     clean/, and titles and redirects of the wiki's raw answers → links/*.parquet
     release    links/ → release/links/: ids and counts
 """
 
 import shutil
-from collections.abc import Mapping
 
 from kb.artifacts import domain_binding
 from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
-from kb.links.build import Names, build, check
+from kb.links.build import build, check
 from kb.store.layout import Layout
-from kb.wiki.parse import answers
+from kb.wiki.parse.answers import named_pages
 
 
 def links(run: Run) -> Summary:
@@ -34,21 +32,10 @@ def links(run: Run) -> Summary:
 
 def tables(run: Run) -> Summary:
     """Make the entity tables."""
-    return build(run, lambda: names(run))
+    return build(run, lambda: named_pages(run.root))
 
 
 def rebuild(run: Run) -> None:
     """Rebuild existing entity tables and their release; delete what can't be rebuilt."""
     shutil.rmtree(Layout(run.root).linking, ignore_errors=True)
     layouts.rebuild(run, "links", "entity tables", tables)
-
-
-def names(run: Run) -> Mapping[str, Names]:
-    """Names of the wiki's pages, by title."""
-    return {
-        page.title: Names(
-            page.title.removeprefix(f"{page.prefix}:"),
-            tuple(title.removeprefix(f"{page.prefix}:") for title in page.redirects),
-        )
-        for page in answers.named_pages(run.root)
-    }

@@ -55,14 +55,14 @@ def clean(p: Profile) -> Clean:
     """Raw answers and captured pages to pages, elements, cells, images, facts and recipes."""
     markup = p.section(WikiSection).markup
     rules = MarkupRules(markup.units, markup.item)
-    scores, told = {"text": "toxicity"}, {"title": "title", "text": "text"}
+    scores, shown = {"text": "toxicity"}, {"title": "title", "text": "text"}
     also = ("title", "of_page")  # columns that a tombstone may name
     pages = partial(Chain, "wiki/pages", "key", scores=scores, helpers=HELPERS)
     return Clean(
         source="wiki",
         kinds=KINDS,
         assemble=partial(assemble, url=p.section(WikiSection).url),
-        chains=(pages(stages(p), also=also, described_by=told),),
+        chains=(pages(stages(p), also=also, described_by=shown),),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,
         side_files=SideFiles(partial(tables.read_pages, rules=rules), tables.size),

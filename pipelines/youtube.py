@@ -30,7 +30,7 @@ from kb.filters.predicates import (
 from kb.filters.topic import Topic
 from kb.store.tables.columns import word_count
 from kb.youtube.crawl.ids import Part
-from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered
+from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered, with_tracks
 from kb.youtube.parse.channels import mark
 from kb.youtube.parse.view_counting import kept_counts
 from kb.youtube.ytdlp.tracks import TrackLanguage
@@ -109,6 +109,7 @@ def clean(p: Profile) -> Clean:
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
         scorer=toxicity,
         unanswered=unanswered,
+        complete=with_tracks,
         figures=kept_counts,
     )
 

@@ -30,12 +30,14 @@ _LATE = (
     "PIL.PngImagePlugin",
     "distributed",
     "googleapiclient.discovery",
+    "httpcore2._api",
     "httpx2",
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
     "onnxruntime",
     "selenium.webdriver",
     "tokenizers",
+    "tqdm.auto",
     "wordcloud",
 )
 _CONTEXT = multiprocessing.get_context("forkserver")

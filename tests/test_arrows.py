@@ -143,7 +143,7 @@ UPWARDS = {
     "core/clock.py": "from kb.store.layout import Layout",
     "core/signals.py": "import kb.net.retry",
     "schema/answer_keys.py": "from kb.store.rawlog import rawlog",
-    "schema/nested_elements.py": "from ..net import retry",
+    "schema/wiki_page.py": "from ..net import retry",
     "net/retry.py": "from kb.schema import tables",
     "net/rate.py": "from kb.store.state.frontier import Frontier",
     "store/atomic.py": "from kb.crawl import loop",

@@ -21,7 +21,7 @@ from unittest import mock
 
 from kb.annotate.checkpoint import Checkpoint, need_extra, tokenizer_files
 from kb.core.errors import MissingModel
-from kb.store.out_of_memory import is_out_of_memory
+from kb.store.exhausted import is_out_of_memory
 
 WINDOW = 512  # tokens that every published model reads at once
 

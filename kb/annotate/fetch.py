@@ -20,7 +20,7 @@ from kb.net import bounded
 from kb.net.retry import attempt
 from kb.net.session import HttpSession, failure, send
 from kb.store.atomic import sync_file, sync_folder
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 
 MODEL_BYTES, MODEL_S = 4 << 30, 24 * 3600.0  # at most, of one file
 

@@ -1,4 +1,5 @@
-"""A data root remembers the profile of its data, whose keywords and thresholds fit no other domain.
+"""A data root remembers the profile of its data, whose keywords and thresholds fit no other domain,
+and which services they came from; mixing two would spoil both.
 
 state/profile.json holds the name and, for a profile of one's own, its file; state/profile/ a copy
 of the profile and its keyword files as the newest command used them, for when they are gone. Like a
@@ -25,7 +26,7 @@ from kb.store import leftovers, lock
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
-from kb.store.state import json_files, service_binding
+from kb.store.state import json_files
 
 
 class Remembered(msgspec.Struct, frozen=True):
@@ -187,16 +188,49 @@ def _agrees(root: Path, profile: Profile) -> bool:
     A subreddit comes from nowhere else, so another one is refused. A wiki's address may have been
     a setting.
     """
-    subreddit = service_binding.noted(root, "reddit").get("subreddit")
+    subreddit = bound_services(root, "reddit").get("subreddit")
     if profile.reddit and subreddit and subreddit != profile.reddit.subreddit.lower():
         raise OtherService(
             f"{root} holds reddit data of subreddit {subreddit},"
             f" which is not that of the profile {profile.name!r}",
             hint="use another --data folder, or the --profile it was made with",
         )
-    wiki = service_binding.noted(root, "wiki").get("wiki")
+    wiki = bound_services(root, "wiki").get("wiki")
     return not (profile.wiki and wiki) or wiki.split("/")[0] in (
         urlsplit(profile.wiki.url).hostname,
         "127.0.0.1",
         "localhost",
     )
+
+
+def bind_service(root: Path, source: str, **facts: str) -> None:
+    """Note a source's hosts, subreddit or wiki, or compare with what was noted.
+
+    Addresses are compared by host and path, ports aside. What was noted binds once an answer is
+    stored: a mistyped address that nothing came from does no harm. Raises OtherService (exit 2)
+    before anything was sent or written.
+    """
+    new = {name: _host(value) for name, value in facts.items()}
+    old = bound_services(root, source)
+    other = [name for name, value in new.items() if old.get(name, value) != value]
+    if other and not rawlog.any_answer(root, source):
+        old, other = {}, []
+    if other:
+        raise OtherService(
+            f"{root} holds {source} data of {other[0]} {old[other[0]]}, not {new[other[0]]}",
+            hint="use another --data folder, or the settings it was made with",
+        )
+    if new.items() - old.items():
+        noted_now = msgspec.json.encode({**old, **new}, order="sorted")
+        write_bytes(Layout(root).identity(source), noted_now)
+
+
+def bound_services(root: Path, source: str) -> dict[str, str]:
+    """What was noted of a source; empty when nothing was. Raises DamagedData."""
+    fix = "delete it; the next crawl records its services again"
+    return json_files.read(Layout(root).identity(source), dict[str, str], fix=fix) or {}
+
+
+def _host(value: str) -> str:
+    parts = urlsplit(value)
+    return f"{parts.hostname}{parts.path.rstrip('/')}" if parts.scheme else value

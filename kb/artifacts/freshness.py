@@ -23,7 +23,7 @@ from kb.artifacts import index, manifest
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.table_catalog import Catalog
 from kb.core.config.profile import Profile
-from kb.core.config.text_files import read_text
+from kb.core.config.profile.base import read_text
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, SettingError
 from kb.core.installation import PROFILE_FILE, lock_digest

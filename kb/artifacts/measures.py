@@ -14,7 +14,7 @@ from duckdb import DuckDBPyConnection
 
 from kb.artifacts import manifest
 from kb.core.errors import FatalError
-from kb.core.summary.intervals import share_of
+from kb.core.summary import share_of
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 from kb.store.lock import writer
@@ -80,7 +80,7 @@ def pair_figures(
     con: DuckDBPyConnection, pairs: Sequence[Path], quality: Sequence[Path]
 ) -> dict[str, Any]:
     """What the two tables say of all pairs: the section "pairs". Shares have the form of
-    `kb.core.summary.intervals.share_of`.
+    `kb.core.summary.share_of`.
     """
     both = f"{scan(pairs)} JOIN {scan(quality)} USING (pair_id)"
     ends = ", ".join(f"round(quantile_cont(interpolation_error_s, {q}), 3)" for q in QUANTILES)

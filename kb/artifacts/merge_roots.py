@@ -28,10 +28,10 @@ from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.store import leftovers, lock
 from kb.store.atomic import write_bytes, writing
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
-from kb.store.state import service_binding, tombstones
+from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 
 
@@ -99,7 +99,7 @@ def _check(run: Run, roots: Sequence[Path]) -> None:
     for root in (run.root, *roots):
         domain_binding.check(root, run.profile)
         for source in SOURCES:
-            for name, value in service_binding.noted(root, source).items():
+            for name, value in domain_binding.bound_services(root, source).items():
                 first, known = hosts.setdefault((source, name), (root, value))
                 if known != value:
                     raise OtherService(

@@ -88,7 +88,7 @@ def warn(listed: PurgeList, absent: Mapping[str, str], say: Callable[[str], None
     for entry in listed.unread:
         say(f"unread, as it names no item: {entry[:_WIDTH]!r}")
     if more := listed.bad_lines - len(listed.unread):
-        say(f"unread as well: {more:,} more")
+        say(f"unread as well: {more:,} more entries")
     unknown = [key for key, why in absent.items() if why == UNKNOWN]
     if unknown:
         what = f"{unknown[0][:_WIDTH]} was" if len(unknown) == 1 else f"{len(unknown):,} ids were"

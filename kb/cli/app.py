@@ -78,7 +78,7 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
         case "tasks":
             from kb.cli.commands.derived import tasks_app as app
         case "clips":
-            from kb.cli.commands.clips import app
+            from kb.cli.commands.pairs import clips_app as app
         case "label":
             from kb.cli.commands.label import app
         case "links":
@@ -162,7 +162,8 @@ class Tree(typer.core.TyperGroup):
 
     def __init__(self, **attrs: Any) -> None:
         super().__init__(**attrs)
-        self.commands = dict.fromkeys(TREE)  # type: ignore[assignment]  # names only; see get_command
+        # Names only; get_command finds what belongs to them.
+        self.commands = dict.fromkeys(TREE)  # type: ignore[assignment]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The click command, or None for an unknown name."""

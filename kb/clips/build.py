@@ -135,8 +135,8 @@ def build(
                 )
                 with_film = (own for own in shard if own[0]["video_id"] in films)
                 if at in names:
-                    found = [(str(films[own[0]["video_id"]]), own) for own in with_film]
-                    yield str(place), names[at], found, options
+                    cut_from = [(str(films[own[0]["video_id"]]), own) for own in with_film]
+                    yield str(place), names[at], cut_from, options
 
         with (
             run.progress.task("clips", total=len(names), unit="shards") as task,

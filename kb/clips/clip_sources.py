@@ -13,7 +13,7 @@ import tarfile
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import msgspec
 
@@ -27,16 +27,12 @@ _ENDINGS = frozenset(
     (".mp4", ".m4v", ".mkv", ".webm", ".mov", ".avi", ".flv", ".ts", ".3gp", ".mpg", ".mpeg")
 )
 
+# The images of a clip (uint8 [frames, height, width, 3], RGB) and their times (float64 [frames]).
+Frames = tuple[np.ndarray, np.ndarray]
+
 
 class NoClip(Exception):
     """A pair whose clip can't be had; its text says why."""
-
-
-class Clip(NamedTuple):
-    """`images`: uint8 [frames, height, width, 3], RGB; `times_s`: float64 [frames]."""
-
-    images: np.ndarray
-    times_s: np.ndarray
 
 
 class ClipSource(Protocol):
@@ -45,7 +41,7 @@ class ClipSource(Protocol):
     def has(self, row: Row) -> bool:
         """Whether there is a file for the pair."""
 
-    def read(self, row: Row) -> Clip:
+    def read(self, row: Row) -> Frames:
         """The clip of a pair. Raises NoClip."""
 
 
@@ -65,12 +61,12 @@ class Films:
     def has(self, row: Row) -> bool:
         return row["video_id"] in self._files
 
-    def read(self, row: Row) -> Clip:
+    def read(self, row: Row) -> Frames:
         options = self._options
         times = frame_times(row["clip_start_s"], row["clip_end_s"], options.frames)
         try:
             for _, images in cut(self._files[row["video_id"]], [times], options.size, options.fit):
-                return Clip(images, times)
+                return images, times
         except UndecodableVideo as error:
             raise NoClip(str(error)) from None
         except FileNotFoundError:
@@ -102,13 +98,13 @@ class Shards:
     def has(self, row: Row) -> bool:
         return row["pair_id"] in self._places
 
-    def read(self, row: Row) -> Clip:
+    def read(self, row: Row) -> Frames:
         report, path, place = self._places[row["pair_id"]]
         try:
             if report.options.format == "npz":
                 archive = self._folder / row["video_id"] / f"{row['pair_id']}.npz"
                 with np.load(archive) as arrays:
-                    return Clip(np.moveaxis(arrays["video"], 1, -1), arrays["frame_times_s"])
+                    return np.moveaxis(arrays["video"], 1, -1), arrays["frame_times_s"]
             return _from_tar(path, place, report.options.frames)
         except (OSError, tarfile.TarError, ValueError, KeyError) as error:
             raise NoClip(f"{path.name} can't be read: {error}") from None
@@ -119,7 +115,7 @@ def _shape(options: CutOptions) -> str:
     return f"{options.frames} frames of {height}x{width} ({options.fit})"
 
 
-def _from_tar(path: Path, place: int, frames: int) -> Clip:
+def _from_tar(path: Path, place: int, frames: int) -> Frames:
     """The clip whose files begin at this byte."""
     from PIL import Image
 
@@ -129,7 +125,7 @@ def _from_tar(path: Path, place: int, frames: int) -> Clip:
             parts = [_content(tar) for _ in range(frames + 1)]
     images = [np.asarray(Image.open(io.BytesIO(part))) for part in parts[:-1]]
     times: list[float] = msgspec.json.decode(parts[-1])["frame_times_s"]
-    return Clip(np.stack(images), np.array(times))
+    return np.stack(images), np.array(times)
 
 
 def _content(tar: tarfile.TarFile) -> bytes:

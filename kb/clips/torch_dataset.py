@@ -78,7 +78,7 @@ class ClipDataset:
             row = self._rows.slice(mine[place], 1).to_pylist()[0]
             self._place = place + 1
             try:
-                clip = self._source.read(row)
+                images, times = self._source.read(row)
             except NoClip as reason:
                 warnings.warn(
                     f"pair {row['pair_id']} of video {row['video_id']} has no clip: {reason}",
@@ -86,10 +86,10 @@ class ClipDataset:
                 )
                 continue
             yield {
-                "video": torch.from_numpy(np.ascontiguousarray(np.moveaxis(clip.images, -1, 1))),
+                "video": torch.from_numpy(np.ascontiguousarray(np.moveaxis(images, -1, 1))),
                 "tokens": torch.from_numpy(token_ids(row["text"])),
                 **{name: row[name] for name in ("text", "keyword", "pair_id", "video_id")},
-                "frame_times_s": torch.from_numpy(clip.times_s),
+                "frame_times_s": torch.from_numpy(times),
             }
         self._place = len(mine)
 

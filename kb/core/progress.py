@@ -136,9 +136,6 @@ class Progress:
         """Give the terminal back."""
 
 
-Silent = Progress  # by its purpose
-
-
 class LineProgress(Progress):
     """Lines on a stream that is no terminal: for a task one at most every `every` seconds, and one
     at the end. `complete` finishes a line of `say`.

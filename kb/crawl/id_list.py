@@ -32,6 +32,7 @@ import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
 from kb.crawl.list_text import cells, delimiter_of, documents, opened
+from kb.schema.decode import in_batches
 from kb.store.tables import parquet
 
 _SHOWN = 20  # entries that are not ids
@@ -154,7 +155,7 @@ class IdRules:
         known = ((one, _fold(one)) for one in self.columns)
         return [Column(name, one) for one, own in known for each, name in folded if each == own]
 
-    def held(self, names: Iterable[Any], rows: Sequence[Mapping[Any, Any]]) -> Any:
+    def id_column(self, names: Iterable[Any], rows: Sequence[Mapping[Any, Any]]) -> Any:
         """The column of which most rows hold ids, some of them unmistakable; None if it is not half
         of them.
         """
@@ -185,8 +186,8 @@ class IdRules:
             ):
                 return column
         named = [column for column in known if column.known_as not in _GENERIC]
-        if not named and (held := self.held(names, rows)) is not None:
-            return Column(held)
+        if not named and (id_column := self.id_column(names, rows)) is not None:
+            return Column(id_column)
         return next(iter([*named, *known]), None)
 
 
@@ -296,7 +297,7 @@ def _of_text(path: Path, rules: IdRules) -> Iterator[ListedId]:
         if start[:1] == "<" and not start.startswith(("<http", "<//")):
             raise SettingError(f"{rules.option} {path} is XML or HTML, not a list", hint=rules.hint)
         if start[:1] in ("[", "{") or path.suffix == ".json":
-            for several in _batches(documents(file.read()), _SAMPLE):
+            for several in in_batches(documents(file.read()), _SAMPLE):
                 yield from _of_records(several, rules)
             return
         lines = (line for line in file if line.strip() and not line.startswith("#"))
@@ -320,7 +321,7 @@ def _of_lines(sample: Sequence[str], lines: Iterator[str], rules: IdRules) -> It
             return
         if rules.parse(ListedId(header.strip("\r\n "))):
             break
-    if place := _held(sample, rules):
+    if place := _unnamed_column(sample, rules):
         delimiter, at = place
         for number, values in enumerate(cells(lines, delimiter)):
             entry = ListedId(values[at] if at < len(values) else None, "", {"line": values})
@@ -335,12 +336,12 @@ def _of_lines(sample: Sequence[str], lines: Iterator[str], rules: IdRules) -> It
 def _several(line: str, rules: IdRules) -> list[str]:
     """The ids of a line that holds nothing else than several of them."""
     cells = [cell.strip() for cell in line.split(delimiter_of(line) or None)]
-    found = [cell for cell in cells if cell]
+    filled = [cell for cell in cells if cell]
     certain = rules.is_unmistakable
-    return found if certain and len(found) > 1 and all(map(certain, found)) else []
+    return filled if certain and len(filled) > 1 and all(map(certain, filled)) else []
 
 
-def _held(sample: Sequence[str], rules: IdRules) -> tuple[str, int] | None:
+def _unnamed_column(sample: Sequence[str], rules: IdRules) -> tuple[str, int] | None:
     """The delimiter and the place of a column without a name that holds ids; None for lines."""
     delimiter = delimiter_of(sample[0]) if sample else ""
     if rules.is_unmistakable is None or not delimiter:
@@ -352,22 +353,16 @@ def _held(sample: Sequence[str], rules: IdRules) -> tuple[str, int] | None:
     return None if column is None else (delimiter, column.name)
 
 
-def _batches(values: Iterable[Any], size: int) -> Iterator[list[Any]]:
-    values = iter(values)
-    while several := list(islice(values, size)):
-        yield several
-
-
 def _of_records(values: Sequence[Any], rules: IdRules) -> Iterator[ListedId]:
     """The entries of JSON values that stand in one list."""
     rows = [value for value in values[:_SAMPLE] if isinstance(value, dict)]
-    held = rules.held([name for row in rows for name in row], rows)
+    id_column = rules.id_column([name for row in rows for name in row], rows)
     for value in values:
-        yield from _of_record(value, rules, held)
+        yield from _of_record(value, rules, id_column)
 
 
-def _of_record(value: Any, rules: IdRules, held: Any = None) -> Iterator[ListedId]:
-    """The entries of a JSON value. `held` is the key that holds ids where none has a known name."""
+def _of_record(value: Any, rules: IdRules, id_column: Any = None) -> Iterator[ListedId]:
+    """The entries of a JSON value. `id_column` holds ids where no key has a known name."""
     if isinstance(value, list):
         yield from _of_records(value, rules)
         return
@@ -389,7 +384,7 @@ def _of_record(value: Any, rules: IdRules, held: Any = None) -> Iterator[ListedI
     elif named := [one for one in (value, *value.values()) if _are_ids(one, rules)]:
         yield from (ListedId(key, "[]") for one in named for key in one)  # {id: …}, {"ids": [id]}
     else:
-        yield ListedId(value.get(held), "", value)
+        yield ListedId(value.get(id_column), "", value)
 
 
 def _by_name(record: Mapping[str, Any], rules: IdRules) -> ListedId | None:
@@ -407,7 +402,7 @@ def _by_name(record: Mapping[str, Any], rules: IdRules) -> ListedId | None:
         if column.known_as not in _GENERIC:
             mistaken = mistaken or entry
     parts = (record[name] for name in _PARTS if isinstance(record.get(name), dict))
-    return next((found for part in parts if (found := _by_name(part, rules))), mistaken)
+    return next((by_name for part in parts if (by_name := _by_name(part, rules))), mistaken)
 
 
 def _are_ids(value: Any, rules: IdRules) -> bool:

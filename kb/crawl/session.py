@@ -19,7 +19,7 @@ from kb.store import lock
 from kb.store.layout import Layout
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.rawlog.recorder import Recorder
-from kb.store.state import service_binding, tombstones
+from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 
 BLOCKED = "blocked:"  # cursor: when the service blocked us
@@ -128,7 +128,7 @@ def open_session(
         stack.enter_context(lock.writer(root, connector.name))
         if root == run.root:
             domain_binding.note(run.root, run.profile)
-        service_binding.remember(root, connector.name, **facts)
+        domain_binding.bind_service(root, connector.name, **facts)
         frontier = Frontier(Layout(root).state(connector.name), payloads=connector.payloads)
         stack.callback(frontier.close)
         session = CrawlSession(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
@@ -84,7 +84,7 @@ class DocumentPage:
     """A document. `kind` is video, page, thread, or none where only a verdict is known.
 
     `shown` are the numbers of the parts that the page has, `here` that of the place; `all` is the
-    address of the page with every part, "" where it has all. `said` is the text at `here`
+    address of the page with every part, "" where it has all. `around_caption` is the text at `here`
     of a video in three parts: before the caption of the second asked for, that, and behind it.
     """
 
@@ -98,7 +98,7 @@ class DocumentPage:
     here: int = 0
     shown: list[int] = field(default_factory=list)
     all: str = ""
-    said: tuple[str, str, str] = ("", "", "")
+    around_caption: tuple[str, str, str] = ("", "", "")
     pairs: list[PairCard] = field(default_factory=list)
     nodes: list[ThreadNode] = field(default_factory=list)
     text: Pieces = field(default_factory=list)
@@ -115,11 +115,11 @@ def read(root: Path, language: str, query: Mapping[str, str]) -> DocumentPage:
     mark = _marker(root, place.source, query.get("words", ""))
     every = {**{name: query[name] for name in ("ref", "words") if query.get(name)}, "all": "1"}
     page = DocumentPage("", "", place.ref, "", [], all=f"?{urlencode(every)}#here", mark=mark)
-    whole = bool(query.get("all"))
+    every_part = bool(query.get("all"))
     if place.source == "reddit":
-        return _thread(tables, place, page, mark, whole)
+        return _thread(tables, place, page, mark, every_part)
     try:
-        found = _kept(tables, place, page, whole)
+        found = _kept(tables, place, page, every_part)
     except UsageError:
         verdict = _verdict(tables, place.source, place.key)
         if verdict is None:
@@ -131,32 +131,34 @@ def read(root: Path, language: str, query: Mapping[str, str]) -> DocumentPage:
 
 
 def _kept(
-    tables: CurrentTables, place: SourceLocation, page: DocumentPage, whole: bool
+    tables: CurrentTables, place: SourceLocation, page: DocumentPage, every_part: bool
 ) -> DocumentPage:
     """A video with its transcript, or a wiki page with its sections."""
     opened = OpenTables([tables.catalog])
-    page.document = found = SOURCES[place.source].document(opened, place)
-    page.kind, page.title, page.here = _KINDS[place.source], found.title, found.nearest[0]
-    page.shown = sorted(found.nearest[: len(found.parts) if whole else NEAREST])
-    page.all = "" if len(page.shown) == len(found.parts) else page.all
-    key = found.parts[0].place.key
+    page.document = document = SOURCES[place.source].document(opened, place)
+    page.kind, page.title, page.here = _KINDS[place.source], document.title, document.nearest[0]
+    page.shown = sorted(document.nearest[: len(document.parts) if every_part else NEAREST])
+    page.all = "" if len(page.shown) == len(document.parts) else page.all
+    key = document.parts[0].place.key
     column, value = ("video_id", key) if page.kind == "video" else ("page_id", int(key))
     row = first_row(opened, f"{place.source}_{_MAIN[place.source]}", f"{column} = ?", [value]) or {}
     page.facts = _facts(place.source, row)
-    page.address = found.parts[0].url
+    page.address = document.parts[0].url
     if page.kind == "video" and place.at:
-        page.said = _said(opened, key, found.parts[page.here].text, float(place.at))
+        page.around_caption = _around_caption(
+            opened, key, document.parts[page.here].text, float(place.at)
+        )
     return page
 
 
-def _said(opened: OpenTables, key: str, text: str, second: float) -> tuple[str, str, str]:
+def _around_caption(opened: OpenTables, key: str, text: str, second: float) -> tuple[str, str, str]:
     """The text of a part before the caption of a second, the caption, and the text behind it."""
     row = first_row(opened, "youtube_transcripts", "video_id = ?", [key]) or {}
     cues = [cue for cue in row.get("cues") or () if int(cue["start_s"]) <= second]
-    said = " ".join(plain(cues[-1]["text"]).split()) if cues else ""
-    if not said or said not in text:
+    caption = " ".join(plain(cues[-1]["text"]).split()) if cues else ""
+    if not caption or caption not in text:
         return text, "", ""
-    return text.partition(said)
+    return text.partition(caption)
 
 
 _KINDS = {"youtube": "video", "wiki": "page"}
@@ -179,11 +181,11 @@ def _verdict(tables: CurrentTables, source: str, key: str) -> tuple[Verdict, dic
         for name in names:
             sql = f"FROM {tables.view(f'{source}_{name}').full} WHERE key = ? LIMIT 1"
             for row in con.sql(sql, params=[key]).to_arrow_table().to_pylist():
-                return _told(name, row), row
+                return _verdict_of(name, row), row
     return None
 
 
-def _told(name: str, row: Mapping[str, Any]) -> Verdict:
+def _verdict_of(name: str, row: Mapping[str, Any]) -> Verdict:
     declared = f"shared/{name}"
     shown = ("stage", "reason", "value", "threshold", "matched", "unmatched")
     return Verdict(
@@ -210,7 +212,7 @@ def _left_out(
 
 
 def _thread(
-    tables: CurrentTables, place: SourceLocation, page: DocumentPage, mark: Marker, whole: bool
+    tables: CurrentTables, place: SourceLocation, page: DocumentPage, mark: Marker, every_part: bool
 ) -> DocumentPage:
     """A post with all its comments, those that were not kept among them, as a tree."""
     opened = OpenTables([tables.catalog])
@@ -227,8 +229,8 @@ def _thread(
     page.kind, page.address = "thread", url
     verdict = _verdict(tables, "reddit", f"t3_{post_id}")
     lost = _rejected_comments(tables, post_id)
-    top: ThreadNode
-    nodes: dict[str, tuple[str, ThreadNode]] = {}  # key → parent, node
+    nodes: dict[str, ThreadNode] = {}
+    parents: dict[str, str | None] = {}
     if verdict is not None:
         page.verdict, row = verdict
         page.title = row.get("title") or f"Post {post_id}"
@@ -250,14 +252,17 @@ def _thread(
                 label = f"comment, {one.created_utc:%Y-%m-%d}{score}"
                 text = mark(_words(one.body, one.missing))
                 key = one.comment_id
-                nodes[key] = one.parent_id, ThreadNode(key, label, f"{url}_/{key}/", text)
+                nodes[f"t1_{key}"] = ThreadNode(key, label, f"{url}_/{key}/", text)
+                parents[f"t1_{key}"] = one.parent_id
     for row in lost:
-        key = row["key"][3:]
-        why = _told("rejected", row).line
-        text = mark(row.get("text") or "")
-        label, link = "comment", f"{url}_/{key}/"
-        nodes[key] = row["parent_id"] or "", ThreadNode(key, label, link, text, why=why)
-    page.nodes = _as_tree(top, nodes)
+        key, words, why = row["key"][3:], row.get("text") or "", _verdict_of("rejected", row).line
+        nodes[row["key"]] = ThreadNode(key, "comment", f"{url}_/{key}/", mark(words), why=why)
+        parents[row["key"]] = row["parent_id"]
+    order = threads.reading_order(parents, f"t3_{post_id}")
+    page.nodes = [
+        top,
+        *(replace(nodes[one], level=min(level + 1, _DEEPEST)) for level, one in order),
+    ]
     keys = [node.key for node in page.nodes]
     if at not in keys:
         raise UsageError(
@@ -265,7 +270,7 @@ def _thread(
         )
     page.here = keys.index(at)
     nearest = outward(page.here, len(keys))
-    page.shown = sorted({0, *(nearest if whole else nearest[:_MOST_NODES])})
+    page.shown = sorted({0, *(nearest if every_part else nearest[:_MOST_NODES])})
     page.all = "" if len(page.shown) == len(keys) else page.all
     return page
 
@@ -296,28 +301,6 @@ def _rejected_comments(tables: CurrentTables, post_id: str) -> list[dict[str, An
 
 def _words(text: str | None, missing: str | None) -> str:
     return text if text is not None else f"[{missing}]" if missing else ""
-
-
-def _as_tree(top: ThreadNode, nodes: Mapping[str, tuple[str, ThreadNode]]) -> list[ThreadNode]:
-    """The post, then each comment behind what it answers, or behind the post."""
-    answers: dict[str, list[str]] = {}
-    for key, (parent, _) in nodes.items():
-        above = parent.removeprefix("t1_")
-        answers.setdefault(above if above in nodes and above != key else "", []).append(key)
-    ordered, reached = [top], set[str]()
-    waiting = [(1, key) for key in reversed(answers.get("", []))]
-    while waiting or len(reached) < len(nodes):
-        if not waiting:  # parents that form a cycle
-            waiting = [(1, next(key for key in nodes if key not in reached))]
-        level, key = waiting.pop()
-        if key in reached:
-            continue
-        reached.add(key)
-        node = nodes[key][1]
-        node.level = min(level, _DEEPEST)
-        ordered.append(node)
-        waiting += [(level + 1, one) for one in reversed(answers.get(key, []))]
-    return ordered
 
 
 def screenshot(root: Path, query: Mapping[str, str]) -> bytes:

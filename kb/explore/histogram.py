@@ -108,7 +108,7 @@ def edges_of(con: duckdb.DuckDBPyConnection, current: float, at_least: bool) -> 
     They are spaced evenly near zero and in proportion further out (an inverse hyperbolic sine),
     and include the current threshold.
     """
-    low, high, scale, whole = con.execute(
+    low, high, scale, is_whole = con.execute(
         """SELECT min(number), max(number), quantile_disc(abs(number), 0.1) FILTER (number != 0),
         bool_and(number = floor(number)) FROM numbers"""
     ).fetchall()[0]
@@ -117,20 +117,20 @@ def edges_of(con: duckdb.DuckDBPyConnection, current: float, at_least: bool) -> 
     low, high, scale = min(low, current), max(high, current), scale or 1
     start, end = math.asinh(low / scale), math.asinh(high / scale)
     steps = (start + (end - start) * part / _BARS for part in range(_BARS + 1))
-    inner = {_rounded(scale * math.sinh(one), whole) for one in steps}
-    beyond = {_beyond(high, whole)} if at_least else {_beyond(low, whole, -1)}
+    inner = {_rounded(scale * math.sinh(one), is_whole) for one in steps}
+    beyond = {_beyond(high, is_whole)} if at_least else {_beyond(low, is_whole, -1)}
     return sorted({one for one in inner if low < one < high} | {low, high, current} | beyond)
 
 
-def _rounded(value: float, whole: bool) -> float:
+def _rounded(value: float, is_whole: bool) -> float:
     digits = _DIGITS - 1 - math.floor(math.log10(abs(value))) if value else 0
     rounded = round(value, digits)
-    return float(round(rounded)) if whole else rounded
+    return float(round(rounded)) if is_whole else rounded
 
 
-def _beyond(value: float, whole: bool, sign: int = 1) -> float:
+def _beyond(value: float, is_whole: bool, sign: int = 1) -> float:
     """The next value that no row passes."""
-    return value + sign if whole else value + sign * max(abs(value) * 0.01, 1e-6)
+    return value + sign if is_whole else value + sign * max(abs(value) * 0.01, 1e-6)
 
 
 def draw(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.summary import remaining
 from kb.explore.tables import CurrentTables
 from kb.store.layout import VERDICTS
 
@@ -60,14 +61,14 @@ def read(tables: CurrentTables, about: Mapping[str, Any]) -> OverviewPage:
 
 def _totals(tables: CurrentTables) -> list[tuple[str, str]]:
     counted = {name: of for name, of in _TOTALS.items() if name in tables}
-    found: list[tuple[float | None, str]] = []
+    counts: list[tuple[float | None, str]] = []
     with tables.asked(*counted) as con:
         for name, of in counted.items():
             sums = ", ".join(f"({sql})::DOUBLE" for sql, _ in of)
             (row,) = con.execute(f"SELECT {sums} FROM {tables.view(name).full}").fetchall()
-            found += zip(row, (noun for _, noun in of), strict=True)
+            counts += zip(row, (noun for _, noun in of), strict=True)
     totals = []
-    for total, noun in found:
+    for total, noun in counts:
         if total and noun == "hours of video" and total >= _HOURS_OF_A_YEAR:
             totals.append((f"{total / _HOURS_OF_A_YEAR:,.1f}", "years of video"))
         elif total:
@@ -91,8 +92,8 @@ def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
     stages = [*(one for one in order if one in rejected), *sorted(set(rejected) - set(order))]
     dropped = {stage: rejected[stage] for stage in stages}
     dropped |= {one: verdicts[one] for one in ("failed", "pending") if verdicts[one]}
-    left, steps = crawled, [FunnelStep("crawled", crawled, 0, 1.0)]
-    for stage, n in dropped.items():
-        left -= n
-        steps.append(FunnelStep(stage, left, n, left / crawled))
+    steps = [
+        FunnelStep(name, left, n, left / crawled)
+        for name, left, n in remaining(crawled, dropped.items())
+    ]
     return SourceFunnel(source, of.title, steps, {"kept": kept, **verdicts})

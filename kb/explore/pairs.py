@@ -137,7 +137,7 @@ def cards(
                 f"{SOURCES['youtube'].address(pair['video_id'])}&t={second}s",
                 f"/document?{urlencode(place)}#here",
                 list(_marks(pair, quality.get(key, [{}])[0], language)),
-                [found for one in scores.get(key, ()) for found in _scores(one)],
+                [score for one in scores.get(key, ()) for score in _scores(one)],
                 _answers(labels.get(key, ())),
             )
         )
@@ -149,10 +149,10 @@ def _by_key(
 ) -> dict[str, list[dict[str, Any]]]:
     """The rows of another table that belong to the pairs of this page."""
     query = f"FROM {full} WHERE {key} IN (SELECT unnest(?::VARCHAR[]))"
-    found: dict[str, list[dict[str, Any]]] = {}
+    by_key: dict[str, list[dict[str, Any]]] = {}
     for row in con.sql(query, params=[wanted]).to_arrow_table().to_pylist():
-        found.setdefault(row[key], []).append(row)
-    return found
+        by_key.setdefault(row[key], []).append(row)
+    return by_key
 
 
 def _pieces(pair: Mapping[str, Any]) -> list[str]:
@@ -163,8 +163,8 @@ def _pieces(pair: Mapping[str, Any]) -> list[str]:
     begin = pair["match_start_char"] - pair["text_start_char"]
     end = begin + pair["match_end_char"] - pair["match_start_char"]
     if len(text) != pair["text_end_char"] - pair["text_start_char"]:
-        found = re.search(rf"\b{re.escape(pair['keyword'])}\w*", text, re.IGNORECASE)
-        begin, end = found.span() if found else (len(text), len(text))
+        keyword = re.search(rf"\b{re.escape(pair['keyword'])}\w*", text, re.IGNORECASE)
+        begin, end = keyword.span() if keyword else (len(text), len(text))
     return [text[:begin], text[begin:end], text[end:]] if text else []
 
 
@@ -176,8 +176,8 @@ def _marks(
     yield QualityMark(
         f"{pair['transcript_kind']}, {times}", "Where the text and its times are from"
     )
-    if (found := quality.get("language")) is not None:
-        yield QualityMark(found, "Language", warns=found != language)
+    if (spoken := quality.get("language")) is not None:
+        yield QualityMark(spoken, "Language", warns=spoken != language)
     if (verb := quality.get("has_verb")) is not None:
         yield QualityMark(
             "verb" if verb else "no verb", "A verb stands near the keyword", warns=not verb

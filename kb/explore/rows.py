@@ -12,7 +12,7 @@ from urllib.parse import urlencode
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.explore.tables import CurrentTables, page_number, quoted
-from kb.look.headings import heading, reading
+from kb.look.headings import heading, plain, reading
 from kb.schema.tables import table
 from kb.store.layout import VERDICTS
 
@@ -212,14 +212,12 @@ def cell(declared: str, name: str, value: Any) -> Cell:
     """A value for people; what the filters keep as text may be a number."""
     if value is None:
         return Cell("")
-    if isinstance(value, bool):
-        return Cell("yes" if value else "no")
     if isinstance(value, datetime):
         return Cell(f"{value:%Y-%m-%d}", is_number=True)
     if name.endswith("_id"):
         return Cell(str(value))
-    if isinstance(value, int | float):
-        return Cell(f"{value:,}" if isinstance(value, int) else f"{value:,.4g}", is_number=True)
+    if (text := plain(value)) is not None:
+        return Cell(text, is_number=not isinstance(value, bool))
     if name in ("value", "threshold") and (number := _number(str(value))) is not None:
         return Cell(f"{number:,.10g}", is_number=True)
     if name == "value" or table(declared).column(name).dictionary:
@@ -258,7 +256,7 @@ def _where(asked: RowsQuery, kinds: Mapping[str, str]) -> tuple[str, list[str]]:
             values.append(wanted)
     if asked.text:
         texts = [name for name, kind in kinds.items() if kind == "VARCHAR"]
-        found = " OR ".join(f"contains(lower({quoted(name)}), lower(?))" for name in texts)
-        conditions.append(f"({found or 'false'})")
+        contained = " OR ".join(f"contains(lower({quoted(name)}), lower(?))" for name in texts)
+        conditions.append(f"({contained or 'false'})")
         values += [asked.text] * len(texts)
     return " AND ".join(conditions), values

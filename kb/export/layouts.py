@@ -1,19 +1,29 @@
-"""Lists the export formats of what is published, with the function that writes each."""
+"""Lists the export formats of what is published, with the function that writes each, and writes
+Parquet: clean/<source> → release/<source>, the released columns of every released table, sorted.
+
+The folder is written anew and takes the old one's place whole, so nothing of an older release
+(checksums, card, shards) stays beside new data. What `schemas/` does not release never leaves
+clean/: columns by `released`, whole tables (transcripts) as well.
+"""
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import pyarrow as pa
 
 from kb.artifacts import freshness, manifest
 from kb.core.context import Run
+from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError, MissingExtra, ProfileError
-from kb.core.sources import PUBLISHED, SOURCES
-from kb.core.summary import Summary
-from kb.export import parquet
+from kb.core.sources import PUBLISHED, SOURCES, made_by
+from kb.core.summary import Summary, vocabulary
+from kb.schema.tables import released_tables
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout
+from kb.store.tables import shard_writer
 from kb.store.tables.checksums import FileEntry
 
 Writer = Callable[..., Any]
@@ -21,7 +31,7 @@ Writer = Callable[..., Any]
 
 def writers(name: str) -> Mapping[str, Writer]:
     """The layouts of what is published under that name."""
-    return {"parquet": partial(parquet.export, source=name), **PUBLISHED[name].writers()}
+    return {"parquet": partial(write_parquet, source=name), **PUBLISHED[name].writers()}
 
 
 def export(run: Run, name: str, layout: str = "parquet", **options: Any) -> Summary:
@@ -79,3 +89,100 @@ def _options(run: Run, places: Sequence[str]) -> dict[str, Any]:
     if "tokenizer" in options and not Path(options["tokenizer"]).is_file():
         del options["tokenizer"]  # then words are counted
     return options
+
+
+class RowTransform(NamedTuple):
+    """How released rows differ from clean ones: a function of a piece of rows,
+    and the clean columns that it reads.
+    """
+
+    make: Callable[[pa.Table], pa.Table]
+    reads: Sequence[str] = ()
+
+
+def write_parquet(
+    run: Run,
+    source: str,
+    *,
+    changes: Mapping[str, RowTransform] | None = None,
+    add_files: Callable[[Path], None] | None = None,
+) -> Summary:
+    """Writes release/<source>/ and returns the rows of each table.
+
+    `changes` by table name ("wiki/pages"); `add_files` adds files that are not tables to the fresh
+    folder before it takes its place. Raises FatalError when there is nothing to export, and
+    DiskFull. The same clean rows give the same bytes.
+    """
+    at = Layout(run.root)
+    released = released_tables(source)
+    files = {declared.name: manifest.rows(run.root, declared.name) for declared in released}
+    if not any(files.values()):
+        place = at.table(released[0].name)
+        raise FatalError(
+            f"nothing to export: {place.parent if source in SOURCES else place} has no rows",
+            hint=f"run `{made_by(source)}` first",
+        )
+    name = f"release/{source}"
+    made_from = manifest.inputs(run.root, name)
+    summary: dict[str, int] = {}
+    size = run.profile.release.shard_mb * 1e6
+    folder = Layout(run.root.absolute()).release(source)
+    with (
+        run.progress.task(f"export {source}", total=len(released), unit="tables") as task,
+        manifest.replacing(
+            run.root.absolute(), name, inputs=made_from, settings=freshness.settings(run, name)
+        ) as build,
+    ):
+        fresh = build.folder
+        for declared in released:
+            change = (changes or {}).get(declared.name)
+            if change is not None:
+                # What the change knows is in this process only.
+                made = shard_writer.sorted_shards(
+                    files[declared.name],
+                    fresh,
+                    declared,
+                    shard_bytes=size,
+                    reads=change.reads,
+                    change=change.make,
+                )
+                summary[declared.short] = sum(shard.rows for shard in made)
+                task.advance(1, rows=summary[declared.short])
+        plain = [declared for declared in released if declared.name not in (changes or {})]
+        tasks = (
+            (
+                declared.name,
+                [str(path.absolute()) for path in files[declared.name]],
+                str(fresh),
+                size,
+            )
+            for declared in plain
+        )
+        # One sort a table is bound by the disk: on one machine a pool would gain nothing.
+        with make_executor(run.engine, 1, run.scheduler, run.root) as executor:
+            for declared, rows in zip(
+                plain,
+                map_in_order(executor, write_shards, tasks, window=len(released)),
+                strict=True,
+            ):
+                summary[declared.short] = rows
+                task.advance(1, rows=rows)
+        if add_files is not None:
+            add_files(fresh)
+    return Summary(
+        command=f"{source} export" if source in SOURCES else source,
+        source=source,
+        **{name: summary[name] for name in sorted(summary, key=vocabulary.place)},
+        path=str(folder),
+    )
+
+
+def write_shards(name: str, parts: Sequence[str], folder: str, shard_bytes: float) -> int:
+    """One table's shards; how many rows. Runs in a worker."""
+    made = shard_writer.sorted_shards(
+        [Path(part) for part in parts],
+        Path(folder),
+        name,
+        shard_bytes=shard_bytes,
+    )
+    return sum(shard.rows for shard in made)

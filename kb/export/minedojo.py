@@ -45,7 +45,7 @@ from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export.rows import Row, check_rows, json_list, sorted_rows
-from kb.schema.nested_elements import ancestors
+from kb.schema.wiki_page import ancestors
 from kb.store.atomic import replacing_folder, writing
 from kb.store.layout import CAPTURED, Layout
 from kb.store.rawlog import sidefiles

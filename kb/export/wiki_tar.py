@@ -23,7 +23,7 @@ import pyarrow as pa
 
 from kb.core.context import Run
 from kb.core.summary import Summary
-from kb.export import parquet
+from kb.export import layouts
 from kb.export.rows import check_rows, sorted_rows
 from kb.schema.tables import table
 from kb.store.layout import CAPTURED
@@ -93,7 +93,7 @@ def export(run: Run) -> Summary:
         if lost:
             raise sidefiles.lost(run.root, CAPTURED, lost)
 
-    summary = parquet.export(run, CAPTURED, changes=changes, add_files=write)
+    summary = layouts.write_parquet(run, CAPTURED, changes=changes, add_files=write)
     path = summary.pop("path")
     tars = sum(map(len, plan.values()))
     return Summary({**summary, "tars": tars, "files": len(places), "path": path})
@@ -161,7 +161,7 @@ def _name(kind: str, number: int, count: int) -> str:
     return f"{kind}-{number:05d}-of-{count:05d}.tar"
 
 
-def _moved(column: str, places: dict[str, str]) -> parquet.RowTransform:
+def _moved(column: str, places: dict[str, str]) -> layouts.RowTransform:
     """The released path of each file instead of the one in the data root."""
 
     def make(rows: pa.Table) -> pa.Table:
@@ -170,7 +170,7 @@ def _moved(column: str, places: dict[str, str]) -> parquet.RowTransform:
             rows.column_names.index(column), column, pa.array(moved, pa.string())
         )
 
-    return parquet.RowTransform(make, (column,))
+    return layouts.RowTransform(make, (column,))
 
 
 def _write_tar(path: Path, samples: list[Sample], lost: set[Path]) -> Iterator[dict[str, Any]]:

@@ -99,9 +99,10 @@ class Clean:
 
     `assemble` takes the newest rows of each kind (of one bucket) and returns rows by table name.
     `unanswered` yields keys without a row, with the reason: they count as failed, and so does
-    such a key that is pending for one of the reasons `ended_by_failure`. `complete` adds columns
-    that depend on what else of a bucket was kept (the number of comments of a post). `about` adds
-    figures of the data root to the summary, `figures` those of the new clean tables.
+    such a key that is pending for one of the reasons `ended_by_failure`. `complete` gets the kept
+    tables of a bucket, and adds columns that depend on what else was kept (the number of comments
+    of a post) or that only kept rows need. `about` adds figures of the data root to the summary,
+    `figures` those of the new clean tables.
     """
 
     source: str

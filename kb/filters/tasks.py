@@ -28,10 +28,11 @@ from kb.core.errors import FatalError
 from kb.filters.chain import Chain, Clean, Judged, declared_columns, judge_chain
 from kb.filters.predicates import SCORED
 from kb.schema.tables import table
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import VERDICTS
 from kb.store.state import tombstones
 from kb.store.tables import partition
+from kb.store.tables.columns import where
 from kb.store.tables.shard_writer import write_table
 
 
@@ -115,11 +116,12 @@ def filter_bucket(job: FilterJob, number: int, decoded: Mapping[str, int]) -> di
         if follow.table in rows and follow.of in kept:
             of_kept = kept[follow.of].column(follow.on).combine_chunks()
             own = rows[follow.table]
-            followed = own.filter(pc.is_in(own.column(follow.on), of_kept))
-            counts[f"kept {follow.table}"] += followed.num_rows
-            write(job, follow.table, number, followed)
+            kept[follow.table] = where(own, pc.is_in(own.column(follow.on), of_kept))
     if spec.complete is not None:
         kept = spec.complete(kept)
+    for follow in (each for each in spec.follow if each.table in kept):
+        counts[f"kept {follow.table}"] += kept[follow.table].num_rows
+        write(job, follow.table, number, kept[follow.table])
     for chain, result in judged:
         counts["crawled"] += sum(part.num_rows for part in result)
         counts["kept"] += result.kept.num_rows

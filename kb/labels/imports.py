@@ -28,8 +28,7 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import FatalError, UsageError
 from kb.core.installation import np, require
-from kb.core.summary import Summary
-from kb.core.summary.intervals import wilson_interval
+from kb.core.summary import Summary, wilson_interval
 from kb.labels.questions import KINDS, NEAR_S, UNSURE, YES, Labeling, LabelQuestion
 from kb.pairs.transcripts import VIDEOS
 from kb.schema.tables import conform, table

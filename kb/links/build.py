@@ -37,6 +37,7 @@ from kb.pairs import keywords as lists
 from kb.pairs.extract import PairCounts, matches
 from kb.pairs.keywords import EXCLUDED, Keywords
 from kb.pairs.matching import phrase
+from kb.schema.wiki_page import PageNames
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -52,7 +53,7 @@ _BRACKETS = re.compile(r"\s*\([^()]*\)$")
 MENTION = "mention"
 
 
-def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
+def build(run: Run, names: Callable[[], Mapping[str, PageNames]]) -> Summary:
     """Make the entity tables where they are not what clean/ says. `names`: what the wiki calls its
     pages, by title.
 
@@ -228,13 +229,6 @@ def _summary(root: Path) -> Summary:
     )
 
 
-class Names(NamedTuple):
-    """What the wiki calls a page: its title without its namespace, and redirects without theirs."""
-
-    title: str
-    redirects: tuple[str, ...] = ()
-
-
 class Own(NamedTuple):
     """An entity's own page: `how` it bears the name, `names` of its titles and redirects do."""
 
@@ -254,7 +248,7 @@ class _Claim(NamedTuple):
 
 
 def own_pages(
-    keywords: Keywords, pages: Iterable[tuple[int, str]], names: Mapping[str, Names]
+    keywords: Keywords, pages: Iterable[tuple[int, str]], names: Mapping[str, PageNames]
 ) -> dict[int, Own]:
     """Entities (by number) that have a page of their own. `pages` are ids and titles; `names` says
     by title what else they are called.
@@ -263,7 +257,7 @@ def own_pages(
     first = [phrase(keyword.name) for keyword in keywords.every]
     best: dict[int, _Claim] = {}
     for page_id, title in pages:
-        known = names.get(title, Names(title))
+        known = names.get(title, PageNames(title))
         claims: dict[int, _Claim] = {}
         for way, name in (
             (0, known.title),

@@ -19,7 +19,7 @@ from kb.core.sources import SOURCES
 from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
-from kb.schema.nested_elements import is_outermost
+from kb.schema.wiki_page import is_outermost
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
 

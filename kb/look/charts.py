@@ -232,8 +232,8 @@ def _calendar(periods: Sequence[str], most: int) -> list[tuple[int, str]]:
     for place, (at, year, name) in enumerate(zip(since, years, names, strict=True)):
         if at % every == 0:
             of_year = "" if not steps or year == last else f"\n{year}"
-            whole = len(parts[0]) == 2 and every >= _YEARS[0]
-            named.append((place, str(year) if whole else name + of_year))
+            by_year = len(parts[0]) == 2 and every >= _YEARS[0]
+            named.append((place, str(year) if by_year else name + of_year))
             last = year
     return named
 
@@ -327,7 +327,7 @@ def inline(figure: Figure) -> Markup:
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", svg, flags=re.DOTALL)
     svg = re.sub(r'(<svg[^>]*? width="[^"]*") height="[^"]*"', r"\1", svg, count=1)
-    svg = re.sub(r' style="([^"]*)"', lambda found: _attributes(found[1]), svg)
+    svg = re.sub(r' style="([^"]*)"', lambda style: _attributes(style[1]), svg)
     svg = re.sub(r'\bid="|(?<=href="#)|(?<=url\(#)', lambda at: f"{at[0]}{figure.name}-", svg)
     head = f'<svg class="chart" role="img" aria-label="{escape(figure.alt)}"'
     return Markup(svg.replace("<svg", head, 1))

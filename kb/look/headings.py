@@ -31,3 +31,12 @@ def reading(name: str, column: str, value: str) -> str:
     declared = table(name).column(column)
     ours = declared.dictionary or declared.values
     return dict(declared.words).get(value, value.replace("_", " ") if ours else value)
+
+
+def plain(value: object) -> str | None:
+    """A truth or a number as people read it; None for any other value."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:,.4g}" if abs(value) < 1000 else f"{value:,.0f}"
+    return f"{value:,}" if isinstance(value, int) else None

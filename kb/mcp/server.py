@@ -26,7 +26,7 @@ from kb.mcp import untrusted_text
 from kb.mcp.documents import parse_reference, run_read
 from kb.mcp.search_tool import run_search
 from kb.mcp.untrusted_text import AnswerPart, Fence, cut, fit
-from kb.query.isolated import run_isolated
+from kb.query.execute import run_isolated
 from kb.query.limits import Limits
 from kb.reader.open_tables import OpenTables
 from kb.reader.tables import TableView

@@ -17,7 +17,8 @@ _PATTERNS = [
     # query parameters and form fields: key=…, access_token=…
     (
         re.compile(
-            r"(?i)\b((?:api_?)?key|access_token|refresh_token|client_secret|password|token)=[^&\s\"'<>)]+"
+            r"(?i)\b((?:api_?)?key|access_token|refresh_token|client_secret|password|token)="
+            r"[^&\s\"'<>)]+"
         ),
         r"\1=" + MARK,
     ),
@@ -36,7 +37,8 @@ _PATTERNS = [
     # who asked, from where, and the leave to read.
     (
         re.compile(
-            r"(?i)((?:[?&]|&amp;|\\u0026)(?:signature|l?sig|ip|ei|pot|visitor_?data)=)[^&\s\"'<>)\\]+"
+            r"(?i)((?:[?&]|&amp;|\\u0026)(?:signature|l?sig|ip|ei|pot|visitor_?data)=)"
+            r"[^&\s\"'<>)\\]+"
         ),
         r"\1" + MARK,
     ),

@@ -91,7 +91,7 @@ class HttpSession(requests.Session):
     def rebuild_auth(self, prepared_request: Any, response: Any) -> None:
         """A redirect to another host does not get our token."""
         url, to = response.request.url, prepared_request.url
-        strip = self.should_strip_auth(url, to)  # type: ignore[no-untyped-call]  # none in its stubs
+        strip = self.should_strip_auth(url, to)  # type: ignore[no-untyped-call]
         if "Authorization" in prepared_request.headers and strip:
             del prepared_request.headers["Authorization"]
 

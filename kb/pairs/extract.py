@@ -259,7 +259,8 @@ def _texts(text: Text, grown: Grown) -> tuple[pa.Array[Any], np.ndarray]:
     """Grown texts with one space between words,
     and where they end without the white space after.
     """
-    slices = pa.LargeListViewArray.from_arrays(  # type: ignore[call-overload]  # wants exact classes
+    # Its stub wants exact classes.
+    slices = pa.LargeListViewArray.from_arrays(  # type: ignore[call-overload]
         pa.array(grown.start), pa.array(grown.end - grown.start), pa.array(text.codes)
     )
     offsets = np.concatenate(([0], np.cumsum(grown.end - grown.start))).astype(np.int64)

@@ -12,9 +12,16 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from kb.core.config.profile.base import ERROR, FILL_IN, NOTE, WARNING, Finding, is_everyday
+from kb.core.config.profile.base import (
+    ERROR,
+    FILL_IN,
+    NOTE,
+    WARNING,
+    Finding,
+    is_everyday,
+    read_text,
+)
 from kb.core.config.profile.products import Pairs
-from kb.core.config.text_files import read_text
 from kb.core.errors import ProfileError
 from kb.pairs.matching import phrase
 

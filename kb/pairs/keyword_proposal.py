@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from kb.core.config.profile.base import is_everyday
 from kb.pairs.keyword_list import COLUMNS, LONGEST, forms
 from kb.pairs.matching import phrase
+from kb.schema.wiki_page import PageNames
 
 PAGE = "page"  # the kind of a page without a category
 _WORDS = 5  # longer titles are rarely said in full
@@ -20,15 +21,6 @@ _HEAD = """\
 # Proposed from the titles, redirects and categories of {wiki}, one page a line: strike what nobody
 # says or what is not your domain's, fix the kinds, and put the rest into the profile's list.
 """
-
-
-@dataclass(frozen=True)
-class PageNames:
-    """What a wiki calls one page, without namespace; `categories` without theirs."""
-
-    title: str
-    redirects: Sequence[str] = ()
-    categories: Sequence[str] = ()
 
 
 @dataclass

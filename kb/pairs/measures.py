@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 
 from kb.artifacts.measures import QUANTILES, quantiles_of
 from kb.core.installation import np
-from kb.core.summary.intervals import share_of
+from kb.core.summary import share_of
 from kb.pairs import seeded_random, transcripts
 from kb.pairs.extract import Matches, PairCounts, matches
 from kb.pairs.keywords import Keywords

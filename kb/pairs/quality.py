@@ -11,10 +11,10 @@ Figures of one pair's text: its language, a verb near the keyword, keywords, wor
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -43,19 +43,13 @@ _LANGUAGES = (
 )  # fmt: skip
 
 
-class BatchQuality(NamedTuple):
-    """Of a batch: rows of its pairs, rows of its videos, and the keys of their runs (uint64)."""
-
-    pairs: pa.Table
-    videos: pa.Table
-    keys: np.ndarray
-
-
-def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
-    """The figures of a batch's pairs. `language`: the profile's."""
+def of_batch(text: Text, batch: PairBatch, language: str) -> tuple[pa.Table, pa.Table, np.ndarray]:
+    """Of a batch: rows of its pairs, rows of its videos, and the keys of their runs (uint64).
+    `language`: the profile's.
+    """
     words = hashed_words(text, batch.matches)
     keys = repeated_text.keys_of(words, text.channels)
-    bands = repeated_text.bands_of(words, len(text))
+    video, bands = repeated_text.bands_of(words, len(text))
     within, match = words.between(*batch.text), words.between(*batch.match)
     known = known_words(language)
     in_own = sure(words, known, within)
@@ -87,22 +81,22 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
     )
     videos = pa.table(
         {
-            "video_id": text.ids.take(pa.array(bands.video)),
+            "video_id": text.ids.take(pa.array(video)),
             "bands": pa.FixedSizeListArray.from_arrays(
-                pa.array(bands.bands.ravel()), repeated_text.BANDS
+                pa.array(bands.ravel()), repeated_text.BANDS
             ),
         }
     )
-    return BatchQuality(pairs, videos, repeated_text.once_a_video(keys, words.video[: len(keys)]))
+    return pairs, videos, repeated_text.once_a_video(keys, words.video[: len(keys)])
 
 
-def write_part(folder: str, name: str, batches: Sequence[BatchQuality]) -> None:
+def write_part(
+    folder: str, name: str, batches: Sequence[tuple[pa.Table, pa.Table, np.ndarray]]
+) -> None:
     """Write what a part knows of its pairs. Raises DiskFull."""
     place = Path(folder, "quality")
-    for what, tables in (
-        ("pairs", [one.pairs for one in batches]),
-        ("videos", [one.videos for one in batches]),
-    ):
+    pairs, videos, keys = zip(*batches, strict=True)
+    for what, tables in (("pairs", pairs), ("videos", videos)):
         rows = pa.concat_tables(tables)
         with (
             writing(place / f"{name}.{what}.arrow") as path,
@@ -111,7 +105,7 @@ def write_part(folder: str, name: str, batches: Sequence[BatchQuality]) -> None:
         ):
             writer.write_table(rows)
     with writing(place / f"{name}.keys.npy") as path, path.open("wb") as file:
-        np.save(file, np.sort(np.concatenate([one.keys for one in batches])))
+        np.save(file, np.sort(np.concatenate(keys)))
 
 
 def finish(parts: Sequence[Path], out: Path) -> None:
@@ -223,25 +217,19 @@ def _one(column: pa.ChunkedArray[Any]) -> Any:
     return column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
 
 
-class KnownWords(NamedTuple):
-    """Sorted hashes of a language's words (uint64), which data/<language>.toml lists."""
-
-    function_words: np.ndarray
-    verbs: np.ndarray
-
-
 @cache
-def known_words(language: str) -> KnownWords | None:
-    """The words of a language; None where there is no list."""
+def known_words(language: str) -> dict[str, np.ndarray] | None:
+    """Sorted hashes (uint64) of a language's `function_words` and `verbs`, as data/<language>.toml
+    lists them; None where there is no list.
+    """
     path = _FOLDER / f"{language}.toml"
     if not path.is_file():
         return None
     given = tomllib.loads(path.read_text(encoding="utf-8"))
-    hashes = {
+    return {
         name: np.array(sorted(map(hash_of, words.split())), np.uint64)
         for name, words in given.items()
     }
-    return KnownWords(**hashes)
 
 
 def counted(words: HashedWords, known: np.ndarray) -> np.ndarray:
@@ -251,7 +239,7 @@ def counted(words: HashedWords, known: np.ndarray) -> np.ndarray:
 
 def has_verb(
     words: HashedWords,
-    known: KnownWords,
+    known: Mapping[str, np.ndarray],
     text: tuple[np.ndarray, np.ndarray],
     match: tuple[np.ndarray, np.ndarray],
 ) -> np.ndarray:
@@ -259,7 +247,7 @@ def has_verb(
 
     `text`, `match`: the first word of each text and phrase, and the one after its last.
     """
-    before = counted(words, known.verbs)
+    before = counted(words, known["verbs"])
     low = np.maximum(text[0], match[0] - NEAR)
     high = np.minimum(text[1], match[1] + NEAR)
     around = before[np.maximum(high, low)] - before[low]
@@ -299,10 +287,10 @@ def _detector() -> LanguageDetector:
 
 
 def sure(
-    words: HashedWords, known: KnownWords | None, text: tuple[np.ndarray, np.ndarray]
+    words: HashedWords, known: Mapping[str, np.ndarray] | None, text: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
     """Which texts are in the language of the known words by its function words."""
     if known is None:
         return np.zeros(len(text[0]), bool)
-    before = counted(words, known.function_words)
+    before = counted(words, known["function_words"])
     return (before[text[1]] - before[text[0]]) >= np.maximum(3, _ENOUGH * (text[1] - text[0]))

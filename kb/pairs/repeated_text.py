@@ -145,17 +145,10 @@ def runs(words: HashedWords, size: int) -> tuple[np.ndarray, np.ndarray]:
     return mixed(total), inside
 
 
-class VideoBands(NamedTuple):
-    """`video`: numbers of the videos that are long enough; `bands`: uint64 [videos, 28], each four
-    hashes of 16 bits.
+def bands_of(words: HashedWords, videos: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of a batch of `videos` transcripts: the numbers of those that are long enough, and their
+    bands, uint64 [videos, 28], each four hashes of 16 bits.
     """
-
-    video: np.ndarray
-    bands: np.ndarray
-
-
-def bands_of(words: HashedWords, videos: int) -> VideoBands:
-    """The bands of a batch of `videos` transcripts."""
     from rensa import RMinHash  # noqa: PLC0415  belongs to the extra `pairs`
 
     hashes, inside = runs(words, RUN)
@@ -165,12 +158,12 @@ def bands_of(words: HashedWords, videos: int) -> VideoBands:
     hashes = hashes[inside][counts[video] >= LEAST]
     offsets = np.concatenate(([0], np.cumsum(counts[long]))).astype(np.uint64)
     if not len(long):
-        return VideoBands(long, np.zeros((0, BANDS), np.uint64))
+        return long, np.zeros((0, BANDS), np.uint64)
     made = RMinHash.digest_matrix_from_flat_token_hashes(hashes, offsets, BANDS * ROWS, _SEED)
     with np.errstate(over="ignore"):
         # Mixed, because the smallest of many hashes has few bits.
         kept = mixed(np.array(made.to_rows(), np.uint64)).astype("<u2")
-    return VideoBands(long, kept.view("<u8"))
+    return long, kept.view("<u8")
 
 
 def firsts(bands: np.ndarray) -> np.ndarray:
@@ -232,18 +225,10 @@ def once_a_video(keys: np.ndarray, video: np.ndarray) -> np.ndarray:
     return keys[new & (keys != 0)]
 
 
-class Recurring(NamedTuple):
-    """Runs that at least three videos of a channel have: their sorted keys (uint64), and how many
-    videos have each.
-    """
-
-    keys: np.ndarray
-    videos: np.ndarray
-
-
-def recurring(files: Sequence[Path]) -> Recurring:
-    """The keys that at least three videos have. `files`: sorted arrays of keys (.npy), each key
-    once for each video of the file that has it.
+def recurring(files: Sequence[Path]) -> tuple[np.ndarray, np.ndarray]:
+    """Of runs that at least three videos of a channel have: their sorted keys (uint64), and how
+    many videos have each. `files`: sorted arrays of keys (.npy), each key once for each video of
+    the file that has it.
     """
     arrays = [np.load(path, mmap_mode="r") for path in files]
     bounds = np.arange(_PIECES + 1, dtype=np.float64) * 2.0**64 / _PIECES
@@ -263,7 +248,7 @@ def recurring(files: Sequence[Path]) -> Recurring:
         often = videos >= VIDEOS
         recurs.append(keys[starts[often]])
         counts.append(videos[often])
-    return Recurring(np.concatenate(recurs), np.concatenate(counts))
+    return np.concatenate(recurs), np.concatenate(counts)
 
 
 def around(keys: np.ndarray, first: np.ndarray, after: np.ndarray) -> pa.Array[Any]:
@@ -280,18 +265,21 @@ def around(keys: np.ndarray, first: np.ndarray, after: np.ndarray) -> pa.Array[A
     return cast("pa.Array[Any]", made)
 
 
-def shares(keys: pa.Array[Any], recurs: Recurring, videos: np.ndarray) -> np.ndarray:
+def shares(
+    keys: pa.Array[Any], recurs: tuple[np.ndarray, np.ndarray], videos: np.ndarray
+) -> np.ndarray:
     """The share of each text's words that lie in a recurring run (0 to 1; 0 for no words).
 
     `keys`: lists as `around` makes them; `videos`: how many the channel of each text has.
     """
     values = np.asarray(pc.list_flatten(keys))
     sizes = np.asarray(pc.list_value_length(keys))
-    if not len(recurs.keys) or not len(values):
+    known, having = recurs
+    if not len(known) or not len(values):
         return np.zeros(len(sizes))
     text = np.repeat(np.arange(len(sizes)), sizes)
-    hits = np.flatnonzero(is_among(values, recurs.keys))
-    having = recurs.videos[np.searchsorted(recurs.keys, values[hits])]
+    hits = np.flatnonzero(is_among(values, known))
+    having = having[np.searchsorted(known, values[hits])]
     recur = np.zeros(len(values), bool)
     recur[hits[having * ONE_IN >= videos[text[hits]]]] = True
     total = np.concatenate(([0], np.cumsum(recur), np.full(RECURRING_RUN, -1)))

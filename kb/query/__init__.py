@@ -5,7 +5,7 @@
 
 views        one DuckDB view per table
 statements   what a query may contain
-execute      one query; `limits` bounds it, `isolated` runs it in another process
+execute      one query, here or in a process of its own, which `limits` bounds
 formats      rows as a table, CSV, JSON or Parquet
 """
 

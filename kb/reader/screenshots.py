@@ -172,8 +172,8 @@ def _searched(tar: Path, member: str) -> bytes:
     """A member found without an index, by reading the tar from its start."""
     try:
         with tarfile.open(tar, "r:") as opened:
-            found = opened.getmember(member)
-            file = opened.extractfile(found) if found.isreg() and found.size <= _BYTES else None
+            entry = opened.getmember(member)
+            file = opened.extractfile(entry) if entry.isreg() and entry.size <= _BYTES else None
             if file is not None:
                 return file.read()
     except (tarfile.TarError, KeyError, OSError, ValueError, RecursionError) as error:

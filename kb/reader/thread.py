@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
@@ -184,9 +184,8 @@ def _reasons(opened: OpenTables, short: str) -> dict[str, str]:
 
 
 def _nested(post: dict[str, Any], rows: list[dict[str, Any]], missing: dict[str, str]) -> Thread:
-    every: dict[str, ThreadComment] = {}
-    for row in rows:
-        every[row["comment_id"]] = ThreadComment(
+    every = {
+        f"t1_{row['comment_id']}": ThreadComment(
             row["comment_id"],
             row["parent_id"],
             row["depth"],
@@ -196,22 +195,33 @@ def _nested(post: dict[str, Any], rows: list[dict[str, Any]], missing: dict[str,
             row.get("author_hash"),
             missing.get(f"t1_{row['comment_id']}"),
         )
+        for row in rows
+    }
     name = f"t3_{post['post_id']}"
     thread = Thread(post, [], [], missing.get(name))
-    for one in every.values():
-        parent = every.get(one.parent_id.removeprefix("t1_"))
-        if one.parent_id == name:
-            thread.replies.append(one)
-        elif one.parent_id.startswith("t1_") and parent is not None and parent is not one:
-            parent.replies.append(one)
-        else:
-            thread.orphans.append(one)
-    reached = {id(one) for _, one in thread.walk()}
-    for one in every.values():  # parents that form a cycle
-        if id(one) not in reached:
-            one.replies.clear()
-            thread.orphans.append(one)
+    for level, key in reading_order({key: one.parent_id for key, one in every.items()}, name):
+        one = every[key]
+        top = thread.replies if one.parent_id == name else thread.orphans
+        (every[one.parent_id].replies if level else top).append(one)
     return thread
+
+
+def reading_order(parents: Mapping[str, str | None], post: str) -> Iterator[tuple[int, str]]:
+    """(level, name) of each comment behind what it answers; level 0 answers the post. At the end
+    come those whose parent is not there with their answers, then parents that form a cycle.
+    """
+    answers: dict[str | None, list[str]] = {}
+    for name, parent in parents.items():
+        is_there = parent == post or (parent in parents and parent != name)
+        answers.setdefault(parent if is_there else None, []).append(name)
+    reached = set[str]()
+    waiting = [(0, name) for name in reversed([*answers.get(post, ()), *answers.get(None, ())])]
+    while waiting:
+        level, name = waiting.pop()
+        reached.add(name)
+        yield level, name
+        waiting += [(level + 1, one) for one in reversed(answers.get(name, []))]
+    yield from ((0, name) for name in parents if name not in reached)
 
 
 def _line(text: str | None, missing: str | None) -> str:

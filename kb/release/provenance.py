@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 from kb import __version__
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.config.profile import Profile
-from kb.core.config.text_files import read_text
+from kb.core.config.profile.base import read_text
 from kb.core.context import Run
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, lock_digest, software_address

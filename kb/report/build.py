@@ -43,7 +43,7 @@ from kb.look.charts import (
     saved,
     shortened,
 )
-from kb.look.headings import heading, reading
+from kb.look.headings import heading, plain, reading
 from kb.report.data import ReportData
 from kb.report.figures import FigureMaker
 from kb.schema import table
@@ -153,14 +153,11 @@ def _numeric(rows: Sequence[Sequence[object]]) -> list[bool]:
 def _cell(value: object, among_numbers: bool = False) -> Markup:
     if value is None:
         return Markup('<td class="soft{}">–</td>').format(" n" if among_numbers else "")
-    if isinstance(value, bool):
-        return Markup("<td>{}</td>").format("yes" if value else "no")
-    if isinstance(value, int):
-        return Markup('<td class="n">{}</td>').format(f"{value:,}")
-    if isinstance(value, float):
-        return Markup('<td class="n">{}</td>').format(f"{value:,.2f}")
-    told = value.text if isinstance(value, Linked) else str(value)
-    text = shortened(" ".join(told.split()), _LONGEST)
+    if (known := plain(value)) is not None:
+        is_number = Markup("" if isinstance(value, bool) else ' class="n"')
+        return Markup("<td{}>{}</td>").format(is_number, known)
+    words = value.text if isinstance(value, Linked) else str(value)
+    text = shortened(" ".join(words.split()), _LONGEST)
     kind = Markup(' class="text"') if len(text) > 24 else ""
     if isinstance(value, Linked):
         link = Markup('<td{}><a href="{}" rel="noreferrer noopener">{}</a></td>')
@@ -271,10 +268,10 @@ def _sample(
     """(caption, headings, rows) of some rows of a table; the first column leads to its item."""
     address = "url" if "url" in table(name).names() else table(name).key[0]
     rows = []
-    for found, *values in data.samples(name, (address, *columns), run.profile.report.samples):
-        url = found if address == "url" else ""
+    for key, *values in data.samples(name, (address, *columns), run.profile.report.samples):
+        url = key if address == "url" else ""
         if isinstance(of, Source) and not url:
-            url = of.address(str(found))
+            url = of.address(str(key))
         first = Linked(values[0], url) if url.startswith("http") and values[0] else values[0]
         words = [
             reading(name, column, value) if isinstance(value, str) else value

@@ -14,42 +14,18 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
+from kb.core.sources import PUBLISHED
+from kb.core.summary import remaining
+from kb.look.headings import reading as in_words
 from kb.schema import table, tables
 from kb.store.layout import Layout
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan, state
 
-# The contract's stages in their order; a stage that is not named here comes last.
-STAGES = {
-    "youtube/videos": (
-        "missing",
-        "topic",
-        "views",
-        "aspect_ratio",
-        "duration",
-        "age_restricted",
-        "toxicity",
-        "transcript",
-    ),
-    "wiki/pages": ("missing", "robots", "render", "words", "toxicity"),
-    "reddit/posts": ("missing", "removed", "nsfw", "score", "toxicity"),
-    "reddit/comments": ("missing", "post", "removed", "toxicity"),
-}
+_NO_STAGES = {"reddit/posts": {"post"}, "reddit/comments": {"nsfw", "score"}}  # of the source's
 _PERIODS = 72
 _STEPS = {"day": "%Y-%m-%d", "month": "%Y-%m", "year": "%Y", "decade": "%Ys", "century": "%Y"}
 FULL_NAMES = {"reddit/posts": "t3_", "reddit/comments": "t1_"}  # one rejected table holds both
-
-
-@dataclass(frozen=True)
-class Funnel:
-    """How many rows came in, what each stage dropped, and what was left."""
-
-    name: str
-    crawled: int
-    dropped: tuple[tuple[str, int], ...]
-    failed: int
-    pending: int
-    kept: int
 
 
 @dataclass(frozen=True)
@@ -193,8 +169,8 @@ class ReportData:
         )
         return Channels(int(sums[0][0]), sums[0][1], sums[0][2], largest)
 
-    def funnel(self, name: str) -> Funnel | None:
-        """The stages of a table, None when nothing was filtered."""
+    def funnel(self, name: str) -> list[tuple[str, int, int]]:
+        """(step, rows left, rows dropped) from "crawled" to "kept"; [] if nothing was filtered."""
         source = name.partition("/")[0]
         prefix = FULL_NAMES.get(name, "")
         dropped, failed, pending = (
@@ -208,16 +184,13 @@ class ReportData:
             for kind, column in (("rejected", "stage"), ("failed", "reason"), ("pending", "reason"))
         )
         kept = self.count(name)
-        if not (kept or dropped or failed or pending):
-            return None
-        order = STAGES.get(name, ())
-        stages = [(stage, dropped.get(stage, 0)) for stage in order] + sorted(
-            (stage, n) for stage, n in dropped.items() if stage not in order
-        )
-        crawled = kept + sum(dropped.values()) + sum(failed.values()) + sum(pending.values())
-        return Funnel(
-            name, crawled, tuple(stages), sum(failed.values()), sum(pending.values()), kept
-        )
+        order = [one for one in PUBLISHED[source].stages if one not in _NO_STAGES.get(name, ())]
+        stages = dict.fromkeys(order, 0) | dict(sorted(dropped.items()))
+        steps = [(in_words("shared/rejected", "stage", stage), n) for stage, n in stages.items()]
+        ends = {"failed": sum(failed.values()), "pending": sum(pending.values())}
+        steps += [(end, n) for end, n in ends.items() if n]
+        crawled = kept + sum(n for _, n in steps)
+        return [*remaining(crawled, steps), ("kept", kept, 0)] if crawled else []
 
     def ledgers(self) -> list[tuple[str, str, str, int, int]]:
         """(source, day, bucket, requests, units) of every source that keeps a ledger, by day."""

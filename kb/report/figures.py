@@ -21,7 +21,7 @@ from kb.look.charts import (
     saved,
 )
 from kb.look.headings import reading
-from kb.report.data import Funnel, ReportData
+from kb.report.data import ReportData
 
 _SCORES = [step / 20 for step in range(21)]
 
@@ -87,16 +87,15 @@ def values(
 
 def funnel(data: ReportData, profile: Profile, name: str) -> Figure | None:
     """What is left of a table after each filter stage."""
-    counts = data.funnel(name)
-    if counts is None:
+    rows = data.funnel(name)
+    if not rows:
         return None
-    rows = _steps(counts)
+    crawled, kept = rows[0][1], rows[-1][1]
     what = name.partition("/")[2]
-    share = counts.kept / counts.crawled if counts.crawled else 0
     return bar_figure(
         f"{name.replace('/', '-')}-funnel",
         f"What the filters leave of the {what}",
-        f"{counts.kept:,} of {counts.crawled:,} {what} are kept ({share:.0%}). "
+        f"{kept:,} of {crawled:,} {what} are kept ({kept / crawled:.0%}). "
         "In brackets: what each stage dropped.",
         rows,
         head=("stage", "left", "dropped"),
@@ -107,18 +106,6 @@ def funnel(data: ReportData, profile: Profile, name: str) -> Figure | None:
         ],
         colors=[PALE, *[BLUE] * (len(rows) - 2), GREEN],
     )
-
-
-def _steps(counts: Funnel) -> list[tuple[str, int, int]]:
-    """(label, rows left, rows dropped) from what was crawled to what is kept."""
-    left = counts.crawled
-    lines = [("crawled", left, 0)]
-    ends = [(name, n) for name, n in (("failed", counts.failed), ("pending", counts.pending)) if n]
-    stages = [(reading("shared/rejected", "stage", stage), n) for stage, n in counts.dropped]
-    for stage, dropped in (*stages, *ends):
-        left -= dropped
-        lines.append((stage, left, dropped))
-    return [*lines, ("kept", counts.kept, 0)]
 
 
 def dates(

@@ -1,8 +1,9 @@
 """Values of raw answers → Arrow columns: whole columns at once, and no exception for a bad value.
 
-Each function takes the values as JSON gave them (None where absent) and returns the column plus
-what could not be read: (row, value as text), null in the column. The fast path asks Arrow for the
-whole column; only a column that holds something odd is gone through value by value.
+Each function takes the values as JSON gave them (None where absent), or as Arrow read them from
+JSON, and returns the column plus what could not be read: (row, value as text), null in the column.
+The fast path asks Arrow for the whole column; only a column that holds something odd is gone
+through value by value.
 """
 
 from __future__ import annotations
@@ -12,18 +13,20 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from functools import partial
-from itertools import accumulate, chain
 from types import NoneType
-from typing import Any
+from typing import Any, TypeAlias
 
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.json as pa_json
 
 from kb.core import clock
+from kb.core.installation import np
 from kb.schema.raw import types
 from kb.schema.tables import Type
 
 Bad = list[tuple[int, str]]
+Values: TypeAlias = "Sequence[Any] | pa.Array[Any]"
 UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 _DURATION = re.compile(
     r"P(?=.)(?:(\d+)W)?(?:(\d+)D)?(?:T(?=.)(?:(\d+)H)?(?:(\d+)M)?(?:(\d+)(?:\.\d+)?S)?)?"
@@ -32,6 +35,12 @@ _RFC3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:
 _SECONDS = (604_800, 86_400, 3_600, 60, 1)
 _TIME = r"^(19[7-9]\d|2[01]\d\d)-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
 _LARGEST = (1 << 63) - 1
+_JSON: dict[str, pa.DataType] = {
+    "string": pa.string(),
+    "integer": pa.int64(),
+    "number": pa.float64(),
+    "boolean": pa.bool_(),
+}
 
 
 class WrongShape:
@@ -42,14 +51,14 @@ class WrongShape:
 
 
 def coerce(
-    values: Sequence[Any], kind: Type, schema: dict[str, Any], *, clean: bool = False
+    values: Values, kind: Type, schema: dict[str, Any], *, clean: bool = False
 ) -> tuple[pa.Array[Any], Bad]:
     """The column of `values` as the declared type, read as the raw field's `schema` says.
 
     `clean` is the caller's word that no text holds a NUL.
     """
     if kind.item is not None:
-        return records(values, kind, clean=clean) if kind.item.fields else lists(values, kind)
+        return records(values, kind) if kind.item.fields else lists(values, kind)
     if kind.text.startswith("timestamp"):
         return unix_times(values) if "number" in types(schema) else times(values)
     if kind.text == "bool":
@@ -63,10 +72,40 @@ def coerce(
     return texts(values, clean=clean)
 
 
-def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
+def json_type(kind: Type, schema: dict[str, Any]) -> pa.DataType | None:
+    """What Arrow reads the JSON of such a column as; None where it may be of several types."""
+    if kind.item is not None and kind.item.fields:
+        return pa.struct([(name, pa.list_(inner.arrow())) for name, inner in kind.item.fields])
+    if kind.item is not None:
+        return kind.arrow()
+    allowed = types(schema) - {"null"}
+    # The service writes numbers as strings where both are allowed.
+    return _JSON["string"] if "string" in allowed else _JSON.get("".join(allowed))
+
+
+def read_json(lines: Sequence[bytes], shape: pa.Schema) -> pa.Table | None:
+    """A row of each JSON object, with the fields that `shape` has; None where a value is not of its
+    type, or holds what Arrow can't.
+    """
+    try:
+        for line in lines:
+            if b"\\u0000" in line or not (line.isascii() or line.decode()):
+                return None
+        text = pa.py_buffer(b"\n".join(lines))
+        read = pa_json.read_json(
+            pa.BufferReader(text),  # type: ignore[arg-type]
+            pa_json.ReadOptions(use_threads=False, block_size=text.size + 1),
+            pa_json.ParseOptions(explicit_schema=shape, unexpected_field_behavior="ignore"),
+        )
+    except (pa.ArrowInvalid, UnicodeDecodeError, OverflowError):
+        return None
+    return read.combine_chunks() if len(read) == len(lines) else None
+
+
+def texts(values: Values, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
     """Strings. NUL and lone surrogates become U+FFFD."""
     try:
-        column = pa.array(values, pa.string())
+        column = _as_array(values, pa.string())
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
         return _each(values, pa.string(), a_text)
     if not clean and _holds_nul(column):
@@ -74,17 +113,21 @@ def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array[Any],
     return column, []
 
 
-def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
+def integers(values: Values, allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
     """Counts: decimal digits in a string and, where the schema allows it, JSON integers;
     never negative.
     """
     try:
-        if "integer" in allowed and not set(map(type, values)) - {int, NoneType}:
-            integers = pa.array(values, pa.int64())
+        if "integer" in allowed and (
+            pa.types.is_int64(values.type)
+            if isinstance(values, pa.Array)
+            else not set(map(type, values)) - {int, NoneType}
+        ):
+            integers = _as_array(values, pa.int64())
             if (pc.min(integers).as_py() or 0) >= 0:
                 return integers, []
         elif "string" in allowed:
-            column = pa.array(values, pa.string())
+            column = _as_array(values, pa.string())
             short = pc.less_equal(pc.binary_length(column), 18)
             if pc.all(pc.and_(pc.ascii_is_decimal(column), short)).as_py() is not False:
                 return column.cast(pa.int64()), []
@@ -93,16 +136,16 @@ def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], B
     return _each(values, pa.int64(), partial(_count, allowed=allowed))
 
 
-def durations(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
+def durations(values: Values) -> tuple[pa.Array[Any], Bad]:
     """ISO 8601 durations → whole seconds: weeks, days, hours, minutes, seconds; P0D is 0."""
     return _each(values, pa.int64(), _duration)
 
 
-def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
+def times(values: Values) -> tuple[pa.Array[Any], Bad]:
     """RFC 3339 times from 1970 to 2200 → UTC, with or without fractions of a second."""
     kind = pa.timestamp("us", "UTC")
     try:
-        column = pa.array(values, pa.string())
+        column = _as_array(values, pa.string())
         if pc.all(pc.fill_null(pc.match_substring_regex(column, _TIME), True)).as_py() is not False:
             return column.cast(kind), []
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
@@ -110,7 +153,7 @@ def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
     return _each(values, kind, _moment)
 
 
-def unix_times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
+def unix_times(values: Values) -> tuple[pa.Array[Any], Bad]:
     """Seconds since 1970, up to 2200, whole or with a fraction → UTC."""
     return _each(
         values,
@@ -119,7 +162,7 @@ def unix_times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
     )
 
 
-def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
+def booleans(values: Values, allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
     """Booleans, or the strings "true" and "false" where the schema says string."""
     words = {"true": True, "false": False} if "string" in allowed else {}
     native = not allowed or "boolean" in allowed
@@ -130,61 +173,74 @@ def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], B
     return _each(values, pa.bool_(), one)
 
 
-def lists(values: Sequence[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
+def lists(values: Values, kind: Type) -> tuple[pa.Array[Any], Bad]:
     """Lists of strings; an absent one is empty."""
     empty: list[str] = []
+    if isinstance(values, pa.Array) and not pc.list_flatten(values).null_count:
+        return pc.fill_null(values, pa.scalar(empty, kind.arrow())), []
     column, bad = _each(
-        [empty if value is None else value for value in values],
+        [empty if value is None else value for value in _objects(values)],
         kind.arrow(),
         lambda value: [a_text(item) for item in a_list(value)],
     )
     return pc.fill_null(column, pa.scalar(empty, kind.arrow())) if bad else column, bad
 
 
-def records(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
+def records(values: Values, kind: Type) -> tuple[pa.Array[Any], Bad]:
     """Records whose fields are lists of their own ({"start_s": [0, 1], "text": ["a", "b"]}) as
     lists of structs, null where absent.
 
     Fields are numbers and texts; the last ones may be lists of numbers, which a record may leave
     out. A list of numbers that can't be read is empty, and its record stays.
     """
-    try:
-        return _records(values, kind, clean=clean), []
-    except (ValueError, TypeError, LookupError, OverflowError):  # Arrow's errors are among them
-        return _each(values, kind.arrow(), partial(_rows, kind=kind))
+    made = _records(values, kind) if isinstance(values, pa.StructArray) else None
+    return _each(values, kind.arrow(), partial(_rows, kind=kind)) if made is None else (made, [])
 
 
-def _records(values: Sequence[Any], kind: Type, *, clean: bool) -> pa.Array[Any]:
-    """Raises ValueError, TypeError, LookupError or OverflowError for an odd value."""
+def _records(values: pa.StructArray, kind: Type) -> pa.Array[Any] | None:
+    """None where something is odd."""
     assert kind.item is not None
     fields = kind.item.fields
-    there = [value for value in values if value is not None]
-    sizes = [len(a_list(value[fields[0][0]])) for value in there]
+    sizes = pc.list_value_length(values.field(fields[0][0]))
     columns: list[pa.Array[Any]] = []
     for name, inner in fields:
-        if inner.item is None:
-            lists = [a_list(value[name]) for value in there]
-        else:
-            lists = [
-                [None] * size if (own := value.get(name)) is None else a_list(own)
-                for value, size in zip(there, sizes, strict=True)
-            ]
-        if list(map(len, lists)) != sizes:
-            raise ValueError("lists of different lengths")
-        column = flat = pa.array(list(chain.from_iterable(lists)), inner.arrow())
+        lists = values.field(name)
+        lengths = pc.list_value_length(lists)
+        # Of lists of numbers a record may have none.
+        if not (lengths if inner.item is None else pc.coalesce(lengths, sizes)).equals(sizes):
+            return None
+        cells = pc.list_flatten(lists)
+        numbers = cells if inner.item is None else pc.list_flatten(cells)
+        if numbers.null_count:
+            return None
+        if pa.types.is_floating(numbers.type):
+            numbers = pc.add(numbers, 0.0)  # -0 is the same in whole numbers and in fractions
         if inner.item is not None:
-            flat = pc.list_flatten(column)
-        if flat.null_count or (inner.text == "string" and not clean and _holds_nul(flat)):
-            raise ValueError("a cell is odd")
-        columns.append(column)
-    left = iter(sizes)
-    ends = accumulate((0 if value is None else next(left) for value in values), initial=0)
+            numbers = _with_absent(cells, numbers, lengths, sizes)
+        columns.append(numbers)
+    if sizes.null_count != values.null_count:
+        return None
+    ends = np.cumsum(pc.fill_null(sizes, 0).to_numpy())
     return pa.ListArray.from_arrays(
-        pa.array(ends, pa.int32()),
+        pa.array(np.concatenate([[0], ends]), pa.int32()),
         pa.StructArray.from_arrays(columns, names=[name for name, _ in fields]),
         type=kind.arrow(),
-        mask=pa.array([value is None for value in values], pa.bool_()),
+        mask=pc.is_null(values),
     )
+
+
+def _with_absent(
+    cells: pa.Array[Any], numbers: pa.Array[Any], lengths: pa.Array[Any], sizes: pa.Array[Any]
+) -> pa.Array[Any]:
+    """`numbers` in lists as long as those of `cells`, `lengths` of them a row, and as many nulls as
+    `sizes` says in a row whose length is null.
+    """
+    absent = np.repeat(pc.is_null(lengths).to_numpy(False), pc.fill_null(sizes, 0).to_numpy())
+    inside, null = np.zeros(len(absent), np.int64), absent.copy()
+    inside[~absent] = pc.fill_null(pc.list_value_length(cells), 0).to_numpy()
+    null[~absent] = pc.is_null(cells).to_numpy(False)
+    offsets = pa.array(np.concatenate([[0], np.cumsum(inside)]), pa.int32())
+    return pa.ListArray.from_arrays(offsets, numbers, mask=pa.array(null))
 
 
 def _rows(value: Any, kind: Type) -> list[dict[str, Any]]:
@@ -230,12 +286,20 @@ def shown(value: Any) -> str:
     return text if len(text) <= 200 else text[:197] + "..."
 
 
+def _as_array(values: Values, kind: pa.DataType) -> pa.Array[Any]:
+    return values if isinstance(values, pa.Array) else pa.array(values, kind)
+
+
+def _objects(values: Values) -> Sequence[Any]:
+    return values.to_pylist() if isinstance(values, pa.Array) else values
+
+
 def _each(
-    values: Sequence[Any], kind: pa.DataType, make: Callable[[Any], Any]
+    values: Values, kind: pa.DataType, make: Callable[[Any], Any]
 ) -> tuple[pa.Array[Any], Bad]:
     bad: Bad = []
     made: list[Any] = []
-    for row, value in enumerate(values):
+    for row, value in enumerate(_objects(values)):
         try:
             made.append(None if value is None else make(value))
         except (ValueError, KeyError, TypeError, OverflowError, OSError):  # OSError: a far time
@@ -255,7 +319,7 @@ def a_number(value: Any) -> float:
     """A number as a float. Raises TypeError for anything else, OverflowError for a huge one."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise TypeError
-    return float(value)
+    return float(value) + 0.0  # no -0.0
 
 
 def _count(value: Any, allowed: set[str]) -> int:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import reduce
 from itertools import chain, islice, repeat
 from typing import Any, NamedTuple, TypeVar
 
@@ -13,10 +14,29 @@ import pyarrow.compute as pc
 
 from kb.core.errors import DamagedData
 from kb.schema import raw
-from kb.schema.coerce import UNHOLDABLE, WrongShape, coerce, times
+from kb.schema.coerce import (
+    UNHOLDABLE,
+    Values,
+    WrongShape,
+    coerce,
+    json_type,
+    read_json,
+    times,
+)
 from kb.schema.tables import Table
 
 Row = TypeVar("Row")
+
+
+JSON_BYTES = 16 << 20  # of answers that are read at once
+
+
+class AnswerRows(NamedTuple):
+    """An answer: when it was fetched, what was asked, and how many rows it has."""
+
+    fetched_at: str | None
+    params: dict[str, Any]
+    size: int
 
 
 class DecodedAnswer(NamedTuple):
@@ -46,6 +66,7 @@ class ColumnReader:
             column.name: path.removeprefix("items[].").split(".") for column, path in origins
         }
         self._schemas = [raw.at(f"{declared.source}/{kind}", path) or {} for path in paths]
+        self._shape = self._json_shape()
 
     def answer(self, line: bytes) -> DecodedAnswer:
         """Decodes one envelope. Raises DamagedData when the line is not an envelope at all."""
@@ -73,50 +94,114 @@ class ColumnReader:
             records = [item for item in listed if isinstance(item, dict)]
         return DecodedAnswer(fetched_at, params, status, records)
 
-    def tables(
-        self, lines: Iterable[bytes], rows: int
-    ) -> Iterator[tuple[pa.Table, list[DecodedAnswer]]]:
-        """Batches of about `rows` rows with the answers they came from.
+    def tables(self, lines: Iterable[bytes]) -> Iterator[tuple[pa.Table, list[AnswerRows]]]:
+        """Batches of rows with the answers they came from, in their order.
 
         Columns: the reader's own, `fetched_at`, and `problems`, a list of (column, reason, value):
         `malformed` for what could not be read, `absent` for what is not there and may not be null.
-        Answers whose status is not 200 are left out.
+        Answers whose status is not 200 are left out. Raises DamagedData.
         """
-        waiting: list[DecodedAnswer] = []
-        size = 0
-        for line in lines:
-            answer = self.answer(line)
-            if answer.status != 200:
-                continue
-            waiting.append(answer)
-            size += max(1, len(answer.records))
-            if size >= rows:
-                yield self.table(waiting), waiting
-                waiting, size = [], 0
-        if waiting:
-            yield self.table(waiting), waiting
+        lines = iter(lines)
+        while waiting := list(_of_size(lines, JSON_BYTES)):
+            rows, answers = self._batch(waiting)
+            if answers:
+                yield rows, answers
 
     def table(self, answers: list[DecodedAnswer]) -> pa.Table:
         """The columns of some answers."""
         records = list(chain.from_iterable(answer.records for answer in answers))
-        data: dict[str, pa.Array[Any]] = {}
-        bad_cells: dict[int, list[tuple[str, str, str | None]]] = {}
+        values = [self.values(column.name, records) for column in self.columns]
+        return self._columns(values, rows_of(answers))
+
+    def _batch(self, lines: list[bytes]) -> tuple[pa.Table, list[AnswerRows]]:
+        """Arrow reads the answers at once, unless there is something odd in one of them."""
+        read = None if self._shape is None else read_json(lines, self._shape)
+        made = None if read is None else self._of_json(read)
+        if made is not None:
+            return made
+        answers = [one for line in lines if (one := self.answer(line)).status == 200]
+        return self.table(answers), rows_of(answers)
+
+    def _json_shape(self) -> pa.Schema | None:
+        """The fields of an envelope that Arrow has to read, None where it can't."""
+        fields: dict[str, Any] = {}
         for column, schema in zip(self.columns, self._schemas, strict=True):
-            values = self.values(column.name, records)
-            array, bad = coerce(values, column.parsed, schema, clean=True)  # `decoded` saw to it
+            *parents, last = self._paths[column.name]
+            inside = fields
+            for step in parents:
+                inside = inside.setdefault(step, {})
+            inside[last] = json_type(column.parsed, schema)
+            if inside[last] is None:
+                return None
+        record = _struct(fields)
+        asked: pa.DataType = pa.struct([("params", pa.struct([("id", pa.string())]))])
+        response = pa.struct([("items", pa.list_(record))]) if self._listed else record
+        parts: list[tuple[str, pa.DataType]] = [("fetched_at", pa.string()), ("status", pa.int64())]
+        return pa.schema([*parts, ("request", asked), ("response", response)])
+
+    def _of_json(self, read: pa.Table) -> tuple[pa.Table, list[AnswerRows]] | None:
+        """None where an envelope lacks a part, or a list of records has something else."""
+        if any(read[name].null_count for name in read.column_names):
+            return None
+        if not pc.all(fine := pc.equal(read["status"], 200)).as_py():
+            read = read.filter(fine)
+        records: Any = read["response"].combine_chunks()
+        sizes: Any = pa.repeat(1, read.num_rows)
+        if self._listed:
+            listed = _field(records, "items")
+            sizes, records = pc.fill_null(pc.list_value_length(listed), 0), pc.list_flatten(listed)
+            if records.null_count:
+                return None
+        values = [reduce(_field, self._paths[one.name], records) for one in self.columns]
+        ids = reduce(_field, ("params", "id"), read["request"].combine_chunks()).to_pylist()
+        answers = [
+            AnswerRows(at, {} if asked is None else {"id": asked}, size)
+            for at, asked, size in zip(
+                read["fetched_at"].to_pylist(), ids, sizes.to_pylist(), strict=True
+            )
+        ]
+        return self._columns(values, answers), answers
+
+    def _columns(self, values: Sequence[Values], answers: list[AnswerRows]) -> pa.Table:
+        data: dict[str, pa.Array[Any]] = {}
+        rows = sum(answer.size for answer in answers)
+        bad_cells: dict[int, list[tuple[str, str, str | None]]] = {}
+        for one, schema, own in zip(self.columns, self._schemas, values, strict=True):
+            array, bad = coerce(own, one.parsed, schema, clean=True)  # no text holds a NUL here
             for row, text in bad:
-                bad_cells.setdefault(row, []).append((column.name, "malformed", text))
-            if self._note_absent and not column.nullable and array.null_count > len(bad):
-                _note_absent(array, column.name, bad_cells)
-            data[column.name] = array
+                bad_cells.setdefault(row, []).append((one.name, "malformed", text))
+            if self._note_absent and not one.nullable and array.null_count > len(bad):
+                _note_absent(array, one.name, bad_cells)
+            data[one.name] = array
         moments, _ = times([answer.fetched_at for answer in answers])
-        spread = pa.array(
-            list(chain.from_iterable(repeat(n, len(one.records)) for n, one in enumerate(answers))),
-            pa.int32(),
-        )
-        data["fetched_at"] = moments.take(spread)
-        data["problems"] = problems(bad_cells, len(records))
+        spread = chain.from_iterable(repeat(n, one.size) for n, one in enumerate(answers))
+        data["fetched_at"] = moments.take(pa.array(list(spread), pa.int32()))
+        data["problems"] = problems(bad_cells, rows)
         return pa.table(data)
+
+
+def rows_of(answers: Iterable[DecodedAnswer]) -> list[AnswerRows]:
+    """The same answers without what their rows are made of."""
+    return [AnswerRows(one.fetched_at, one.params, len(one.records)) for one in answers]
+
+
+def _struct(fields: dict[str, Any]) -> pa.DataType:
+    return pa.struct(
+        [(name, _struct(one) if isinstance(one, dict) else one) for name, one in fields.items()]
+    )
+
+
+def _field(values: Any, name: str) -> Any:
+    """A field of structs; null where the struct is."""
+    return pc.struct_field(values, [name])
+
+
+def _of_size(lines: Iterator[bytes], size: int) -> Iterator[bytes]:
+    """The next lines, until they have so many bytes."""
+    for line in lines:
+        yield line
+        if (size := size - len(line)) <= 0:
+            return
 
 
 def in_batches(rows: Iterable[Row], size: int) -> Iterator[list[Row]]:

@@ -4,6 +4,15 @@
 
 A video that was scored is not decoded again while its pairs, its film and the model are the same:
 a run that was stopped goes on, and pairs that were made again take their scores from there.
+
+The section "scores" of pairs/measures.json says what the scores are like, and what people's
+judgements say of them. Of the pairs that people judged (`visible`: whether the clip shows what the
+text names), in ten bins of equal size by similarity: the share that shows it, with its 95 %
+interval; how well similarity tells the two apart (area under the curve); and from which similarity
+on the share is as high as the profile wants. Without judgements nothing of that is known, and no
+threshold is shipped.
+
+Source of the interval of the area: Hanley and McNeil, Radiology 143 (1982).
 """
 
 from __future__ import annotations
@@ -12,6 +21,7 @@ import hashlib
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,27 +31,37 @@ import pyarrow.compute as pc
 
 from kb.annotate.backends import choose_device
 from kb.artifacts import manifest, measures, table_catalog
+from kb.artifacts.measures import QUANTILES, quantiles_of
 from kb.clips.build import MISSING, SHORT, UNDECODABLE, Chosen, selected, version_of
 from kb.clips.frames import UndecodableVideo
+from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import MissingModel, UsageError
-from kb.core.summary import Summary
+from kb.core.installation import np
+from kb.core.summary import Summary, share_of
 from kb.schema.tables import table
-from kb.score import calibration
 from kb.score.films import Row, scores_of
 from kb.score.models import ClipModel, checkpoint_file, model_name
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.state import json_files
-from kb.store.tables import parquet
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import scan
 from kb.store.tables.shard_writer import write_table
 
 _RULES = 1  # raise it when the same film, pairs and model give other scores
 _COLUMNS = "pair_id, video_id, text, clip_start_s, clip_end_s, match_start_s, match_end_s"
 NAME = "pairs/scores"
 NO_TEXT = "no_text"
+SECTION = "scores"
+_BINS = 10
+_LEAST = 20  # judged pairs from which on a threshold is proposed
+_SQL = """
+SELECT item_id, avg((answer = 'yes')::INT) FROM {labels}
+WHERE kind = 'pair' AND question = 'visible' AND answer IN ('yes', 'no')
+GROUP BY item_id HAVING avg((answer = 'yes')::INT) <> 0.5"""  # a tie says nothing
 
 
 class VideoScores(msgspec.Struct, frozen=True):
@@ -75,7 +95,7 @@ def score(
         )
     state = str(Layout(run.root).scoring)
     counts = Counter[str]()
-    found: list[pa.Table] = []
+    scored_rows: list[pa.Table] = []
     waiting = deque[list[Row]]()
     with (
         selected(run, folders, chosen, _COLUMNS) as (films, _, rows),
@@ -98,16 +118,16 @@ def score(
         for made in map_in_order(executor, score_video, todo(), window=executor.window):
             own = waiting.popleft()
             counts[UNDECODABLE if made.undecodable else SHORT] += len(own) - len(made.scores)
-            found.append(_rows(own[0]["video_id"], name, made))
+            scored_rows.append(_rows(own[0]["video_id"], name, made))
             task.advance(1, pairs=len(made.scores))
-        visible = _write(run, name, found)
-    scored = sum(map(len, found))
+        visible = _write(run, name, scored_rows)
+    scored = sum(map(len, scored_rows))
     return Summary(
         command="pairs score",
         pairs=scored + counts.total(),
         scored=scored,
         **{reason: counts[reason] for reason in (MISSING, SHORT, UNDECODABLE, NO_TEXT)},
-        videos=len(found),
+        videos=len(scored_rows),
         model=name,
         visible=visible,
         path=str(Layout(run.root).pairs),
@@ -155,12 +175,12 @@ def _rows(video_id: str, model: str, made: VideoScores) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=table(NAME).arrow())
 
 
-def _write(run: Run, model: str, found: list[pa.Table]) -> dict[str, Any]:
+def _write(run: Run, model: str, scored_rows: list[pa.Table]) -> dict[str, Any]:
     """Put new scores beside those of other pairs by the same model, and what they say of all into
     pairs/measures.json; what people's judgements say of them.
     """
     folder = Layout(run.root).pairs
-    fresh = pa.concat_tables([table(NAME).arrow().empty_table(), *found])
+    fresh = pa.concat_tables([table(NAME).arrow().empty_table(), *scored_rows])
     kept = [parquet.read_table(path) for path in Layout(run.root).rows(NAME)]
     kept = [
         one.filter(
@@ -172,10 +192,97 @@ def _write(run: Run, model: str, found: list[pa.Table]) -> dict[str, Any]:
         for one in kept
     ]
     every = pa.concat_tables([fresh, *(one.cast(fresh.schema) for one in kept)])
-    section = calibration.section(run.root, run.profile, every)
-    sections = measures.read_measures(folder) | {calibration.NAME: section}
+    measured = section(run.root, run.profile, every)
+    sections = measures.read_measures(folder) | {SECTION: measured}
     with manifest.editing(run.root, "pairs"):
         write_table(folder / "scores-00000-of-00001.parquet", every, NAME)
         measures.write_measures(folder, sections)
-    visible: dict[str, Any] = section["visible"]
+    visible: dict[str, Any] = measured["visible"]
     return visible
+
+
+def section(root: Path, profile: Profile, scores: pa.Table) -> dict[str, Any]:
+    """The section of scored pairs (pairs/scores). Raises DamagedData."""
+    figures = {name: _quantiles(scores[name]) for name in ("similarity", "margin", "static_share")}
+    offsets = scores["best_offset_s"].drop_null()
+    moved = int((np.abs(offsets.to_numpy()) > 2).sum())
+    models = scores["model"].unique().to_pylist()
+    return {
+        "models": models,
+        "pairs": scores.num_rows,
+        **figures,
+        "further_than_2_s": share_of(moved, len(offsets)),
+        "visible": _calibrated(root, scores, profile.score.wanted_precision),
+    }
+
+
+def _quantiles(column: pa.ChunkedArray[Any]) -> dict[str, Any]:
+    values = column.drop_null().to_numpy()
+    values_there = np.quantile(values, QUANTILES).round(4).tolist() if len(values) else ()
+    return quantiles_of(len(values), values_there)
+
+
+def _calibrated(root: Path, scores: pa.Table, wanted: float) -> dict[str, Any]:
+    """What judgements say of similarities; {"judged": 0} without any."""
+    files = table_catalog.read(root).files("labels/labels")
+    if not files:
+        return {"judged": 0}
+    with database.connect(root) as con:
+        answers = dict(con.sql(_SQL.format(labels=scan(files))).fetchall())
+    judged = scores.filter(pc.is_in(scores["pair_id"], pa.array(list(answers), pa.string())))
+    both = sorted(
+        (row["similarity"], answers[row["pair_id"]] > 0.5)
+        for row in judged.select(["pair_id", "similarity"]).to_pylist()
+    )
+    if not both:
+        return {"judged": 0}
+    score, seen = (np.array(one) for one in zip(*both, strict=True))
+    ends = np.linspace(0, len(score), min(_BINS, len(score)) + 1).astype(int).tolist()
+    bins = [
+        {
+            "from": float(score[start]),
+            "to": float(score[end - 1]),
+            **share_of(int(seen[start:end].sum()), end - start),
+        }
+        for start, end in pairwise(ends)
+    ]
+    return {
+        "judged": len(score),
+        "bins": bins,
+        "auc": area(score[seen], score[~seen]),
+        "wanted_precision": wanted,
+        "reached_from": _reached(score, seen, wanted),
+    }
+
+
+def area(right: np.ndarray, wrong: np.ndarray) -> dict[str, Any] | None:
+    """The area under the curve with its 95 % interval: how often a right pair has the higher score,
+    ties counted half. None without both kinds.
+    """
+    n, m = len(right), len(wrong)
+    if not n or not m:
+        return None
+    ordered = np.sort(wrong)
+    below = np.searchsorted(ordered, right, "left") + np.searchsorted(ordered, right, "right")
+    share = float(below.sum() / (2 * n * m))
+    first, second = share / (2 - share), 2 * share**2 / (1 + share)
+    variance = share * (1 - share) + (n - 1) * (first - share**2) + (m - 1) * (second - share**2)
+    half = 1.959964 * (max(variance, 0.0) / (n * m)) ** 0.5
+    return {
+        "auc": round(share, 4),
+        "low": round(max(0.0, share - half), 4),
+        "high": round(min(1.0, share + half), 4),
+        "right": n,
+        "wrong": m,
+    }
+
+
+def _reached(score: np.ndarray, seen: np.ndarray, wanted: float) -> dict[str, Any] | None:
+    """The lowest similarity from which on at least the wanted share of the judged pairs shows what
+    is named, with that share; None where there is none, or too few were judged to say so.
+    """
+    for start in range(len(score) - _LEAST + 1):
+        if seen[start:].mean() > wanted and (not start or score[start] > score[start - 1]):
+            share = share_of(int(seen[start:].sum()), len(score) - start)
+            return {"similarity": float(score[start]), **share}
+    return None

@@ -170,7 +170,7 @@ class ClipModel:
 
     def frames(self, images: Sequence[np.ndarray]) -> np.ndarray:
         """An embedding for each frame (uint8 [height, width, 3], RGB): float32 [frames, width]."""
-        found = [np.zeros((0, self._model.config.projection_dim), np.float32)]
+        features = [np.zeros((0, self._model.config.projection_dim), np.float32)]
         mean, std = (
             torch.tensor(one, device=self._device).view(1, 3, 1, 1) * 255 for one in self._rgb
         )
@@ -186,12 +186,12 @@ class ClipModel:
                 hidden = vision.pre_layrnorm(hidden + vision.embeddings.position_embedding.weight)
                 hidden = vision.encoder(inputs_embeds=hidden).last_hidden_state[:, 0]
                 embedded = self._model.visual_projection(vision.post_layernorm(hidden))
-                found.append(embedded.cpu().numpy())
-        return np.concatenate(found)
+                features.append(embedded.cpu().numpy())
+        return np.concatenate(features)
 
     def texts(self, texts: Sequence[str]) -> np.ndarray:
         """An embedding of length 1 for each text: float32 [texts, width]."""
-        found = [np.zeros((0, self._model.config.projection_dim), np.float32)]
+        features = [np.zeros((0, self._model.config.projection_dim), np.float32)]
         with torch.inference_mode():
             for at in range(0, len(texts), BATCH):
                 ids = np.stack([token_ids(text) for text in texts[at : at + BATCH]])
@@ -199,8 +199,8 @@ class ClipModel:
                 embedded = self._model.get_text_features(
                     torch.from_numpy(ids).to(self._device)
                 ).pooler_output
-                found.append(embedded.cpu().numpy())
-        return unit(np.concatenate(found))
+                features.append(embedded.cpu().numpy())
+        return unit(np.concatenate(features))
 
     def clip(self, frames: np.ndarray) -> np.ndarray:
         """The embedding of a clip from those of its frames: the mean of those of length 1, or what
@@ -270,8 +270,8 @@ def model_name(path: Path) -> str:
 
 
 def _json(path: Path) -> dict[str, Any]:
-    found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return found if isinstance(found, dict) else {}
+    config = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return config if isinstance(config, dict) else {}
 
 
 def _weights(path: Path) -> Mapping[str, Any]:
@@ -281,7 +281,7 @@ def _weights(path: Path) -> Mapping[str, Any]:
         return load_file(path)
     try:
         with warnings.catch_warnings(action="ignore"):  # about formats, which are refused anyhow
-            found = torch.load(path, map_location="cpu", weights_only=True)
+            weights = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # noqa: BLE001  whatever torch makes of a stranger's file
         if "TorchScript" in str(error):
             raise MissingModel(
@@ -296,16 +296,16 @@ def _weights(path: Path) -> Mapping[str, Any]:
             hint=_FORMATS,
         ) from None
     for name in ("state_dict", "model"):
-        if isinstance(found, Mapping) and isinstance(found.get(name), Mapping):
-            found = found[name]
-    if not isinstance(found, Mapping):
+        if isinstance(weights, Mapping) and isinstance(weights.get(name), Mapping):
+            weights = weights[name]
+    if not isinstance(weights, Mapping):
         raise MissingModel(f"{path} holds no state dict", hint=_FORMATS)
-    return found
+    return weights
 
 
-def _plain(found: Mapping[str, Any]) -> Weights:
+def _plain(weights: Mapping[str, Any]) -> Weights:
     """The tensors in single precision, without what trainers put before all names."""
-    tensors = {name: one.float() for name, one in found.items() if isinstance(one, torch.Tensor)}
+    tensors = {name: one.float() for name, one in weights.items() if isinstance(one, torch.Tensor)}
     for prefix in ("module.", "model."):
         if tensors and all(name.startswith(prefix) for name in tensors):
             tensors = {name.removeprefix(prefix): one for name, one in tensors.items()}
@@ -372,7 +372,7 @@ def _assembled(weights: Weights, activation: str) -> CLIPModel:
 
 def _of_transformers(weights: Weights) -> Weights:
     """The same weights by the names of transformers; what it has no name for is left out."""
-    found: Weights = {}
+    renamed: Weights = {}
     for name, tensor in weights.items():
         new = _renamed(name, _OF_OPENAI)
         if block := re.fullmatch(r"(.*\.layers\.\d+\.)(.+)", new):
@@ -380,12 +380,12 @@ def _of_transformers(weights: Weights) -> Weights:
             if rest.startswith("attn.in_proj_"):
                 kind = rest.removeprefix("attn.in_proj_")
                 for one, third in zip("qkv", tensor.chunk(3), strict=True):
-                    found[f"{first}self_attn.{one}_proj.{kind}"] = third
+                    renamed[f"{first}self_attn.{one}_proj.{kind}"] = third
             else:
-                found[first + _renamed(rest, _OF_BLOCK)] = tensor
+                renamed[first + _renamed(rest, _OF_BLOCK)] = tensor
         elif new:
-            found[new] = tensor.T.contiguous() if new.endswith("_projection.weight") else tensor
-    return found
+            renamed[new] = tensor.T.contiguous() if new.endswith("_projection.weight") else tensor
+    return renamed
 
 
 def _pooled(frames: torch.Tensor, weights: Weights) -> torch.Tensor:

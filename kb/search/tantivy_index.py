@@ -23,7 +23,7 @@ from kb.artifacts import index as index_of
 from kb.search.passage import KINDS, PAGES, Passage
 from kb.search.query import is_small
 from kb.store.damage import opening, unreadable
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 
 WORDS, NAME, KEY, KIND, NUMBER = "words", "name", "key", "kind", "number"
 THING, DAY, ROW = "thing", "day", "row"

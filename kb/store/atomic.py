@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 
 _MARK = re.compile(r"(\d+)-(\d+)")
 

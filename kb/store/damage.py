@@ -14,8 +14,8 @@ from typing import BinaryIO
 
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS, artifact_of
+from kb.store.exhausted import is_out_of_memory
 from kb.store.layout import Layout
-from kb.store.out_of_memory import is_out_of_memory
 
 DOWNLOAD = "download it again, into the same folder"
 LINE = 1_000_000  # bytes of a line of JSON

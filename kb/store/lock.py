@@ -23,7 +23,7 @@ from kb.core.errors import WriterLocked
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.store import leftovers
 from kb.store.artifact_registry import ARTIFACTS
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import Layout
 
 RELEASES = tuple(f"release-{name}" for name in PUBLISHED)

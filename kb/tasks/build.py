@@ -42,6 +42,8 @@ from kb.store.tables.reading import reading, scan
 from kb.store.tables.shard_writer import sorted_shards, write_table
 from kb.tasks.titles import DUPLICATE, JUDGED, TitleMiner
 
+Times = tuple[float, float]
+"""Start and end of a task in its video, in seconds."""
 _ROWS = 128  # transcripts in memory at once
 (_VIDEOS,) = made_of("tasks")
 
@@ -109,7 +111,7 @@ class _Title(msgspec.Struct):
     prompt: str
     object: tuple[str, ...]
     reasons: tuple[str, ...]
-    chapter: TaskTimes | None
+    chapter: Times | None
 
     @property
     def task_id(self) -> str:
@@ -159,12 +161,12 @@ def _title(
     return _Title(video_id, published or "", length_s, *mined, chapter)
 
 
-def _times(run: Run, titles: list[_Title], max_gap_s: float) -> dict[str, TaskTimes]:
+def _times(run: Run, titles: list[_Title], max_gap_s: float) -> dict[str, Times]:
     """By video: the times that transcripts say, of tasks without a chapter."""
     wanted = {one.video_id: one for one in titles if not one.reasons and one.chapter is None}
     ids = pa.array(sorted(wanted), pa.string())
     files = manifest.rows(run.root, f"{_VIDEOS}/transcripts") if wanted else []
-    times: dict[str, TaskTimes] = {}
+    times: dict[str, Times] = {}
     with run.progress.task("transcripts", total=len(files), unit="files") as task, reading(files):
         for path in files:
             with parquet.open_file(path, pre_buffer=False) as file:
@@ -187,7 +189,7 @@ def _times(run: Run, titles: list[_Title], max_gap_s: float) -> dict[str, TaskTi
 
 def _tables(
     titles: list[_Title],
-    times: dict[str, TaskTimes],
+    times: dict[str, Times],
     judged: Mapping[str, Verdict],
     playlists: Mapping[str, str],
 ) -> dict[str, pa.Table]:
@@ -196,7 +198,7 @@ def _tables(
     for one in titles:
         at = one.chapter or times.get(one.video_id)
         source = "none" if at is None else "chapter" if one.chapter else "transcript"
-        mined = start, end = (at.start_s, at.end_s) if at else (None, None)
+        mined = start, end = at or (None, None)
         verdict, prompt, reasons = judged.get(one.video_id), one.prompt, one.reasons
         if verdict is not None and verdict.rejected:
             reasons = reasons or (JUDGED,)
@@ -239,13 +241,6 @@ def _summary(root: Path) -> Summary:
     )
 
 
-class TaskTimes(NamedTuple):
-    """Seconds of the video."""
-
-    start_s: float
-    end_s: float
-
-
 def chapters(description: str, length_s: float | None) -> list[tuple[float, str]]:
     """The start (s) and title of each chapter; [] where the lines are not a list of chapters."""
     listed: list[tuple[float, str]] = []
@@ -262,20 +257,20 @@ def chapters(description: str, length_s: float | None) -> list[tuple[float, str]
 
 def by_chapter(
     listed: Sequence[tuple[float, str]], words: Sequence[str], length_s: float | None
-) -> TaskTimes | None:
+) -> Times | None:
     """The times of the first chapter whose title names the object."""
     for named in _suffixes(words):
         for number, (start, title) in enumerate(listed):
             if named.search(title.encode()):
                 following = listed[number + 1 :]
                 end = following[0][0] if following else length_s
-                return TaskTimes(start, end) if end is not None else None
+                return (start, end) if end is not None else None
     return None
 
 
 def by_mentions(
     text: Text, objects: Sequence[Sequence[str]], max_gap_s: float
-) -> list[TaskTimes | None]:
+) -> list[Times | None]:
     """The times in which each transcript of a batch speaks of its object; None where it does not.
 
     Mentions at most `max_gap_s` apart belong together. The task begins with the first of those that
@@ -287,7 +282,7 @@ def by_mentions(
     ]
 
 
-def _mentioned(text: Text, number: int, words: Sequence[str], max_gap: float) -> TaskTimes | None:
+def _mentioned(text: Text, number: int, words: Sequence[str], max_gap: float) -> Times | None:
     begin, end = int(text.video_at[number]), int(text.video_end[number])
     for named in _suffixes(words):
         places = np.array([one.start() for one in named.finditer(text.raw, begin, end)], np.int64)
@@ -301,7 +296,7 @@ def _mentioned(text: Text, number: int, words: Sequence[str], max_gap: float) ->
     group = next((one for one in groups if len(one) > 1), groups[0])
     last = int(text.cue_end[text.cue_of(places[group[-1:]])][0])
     start = int(starts[group[0]])
-    return TaskTimes(start / 1000, max(last, start) / 1000)
+    return start / 1000, max(last, start) / 1000
 
 
 def _suffixes(words: Sequence[str]) -> list[re.Pattern[bytes]]:

@@ -85,7 +85,7 @@ class FileVerifier:
         elif parts[0] == "state":
             self._state(path, parts)
         elif parts[0] == "release":
-            if len(parts) == 2:  # whole folders are checked by kb.verify.releases
+            if len(parts) == 2:  # whole folders are checked by kb.verify.root
                 findings.foreign("release", path, "a release is a folder", "move it away")
         elif match := artifact_of(path):
             self._artifact(path, match[1])

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from kb.artifacts import domain_binding
+from kb.artifacts.domain_binding import bind_service
 from kb.core.config.profile import load_profile
 from kb.core.errors import OtherService, ProfileError
 from kb.sandbox.world import World
 from kb.store import atomic, lock
 from kb.store.layout import Layout
-from kb.store.state.service_binding import remember
 from tests.faults import Sandbox
 from tests.store.state.test_service_binding import answered
 from tests.youtube.job import Job
@@ -120,7 +120,7 @@ def test_without_a_copy_the_shipped_profile_of_that_name_is_used(tmp_path: Path)
 
 
 def test_an_older_root_is_bound_where_its_subreddit_agrees(tmp_path: Path) -> None:
-    remember(tmp_path, "reddit", subreddit="terraria")
+    bind_service(tmp_path, "reddit", subreddit="terraria")
     domain_binding.note_if_stored(tmp_path, load_profile("minecraft"))
     assert not (tmp_path / "state" / "profile.json").exists()  # nothing is stored
     answered(tmp_path)

@@ -11,7 +11,7 @@ import pytest
 from kb.artifacts import manifest
 from kb.core.config.pipeline import load, locate
 from kb.core.errors import DamagedData, KbError, ReleaseRefused
-from kb.export import minedojo, parquet
+from kb.export import layouts, minedojo
 from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from kb.query import connect
@@ -46,7 +46,7 @@ def pairs(root: Path, **options: bool) -> object:
 
 
 READERS = {
-    "export": lambda root: parquet.export(run_at(root), "youtube"),
+    "export": lambda root: layouts.write_parquet(run_at(root), "youtube"),
     "minedojo": lambda root: minedojo.youtube(run_at(root)),
     "pairs": pairs,
     "query": connect,
@@ -81,7 +81,7 @@ def test_a_source_that_was_never_filtered_is_no_damage(tmp_path: Path) -> None:
 def test_a_damaged_manifest_is_an_error(root: Path, content: str) -> None:
     (root / "clean/youtube/_manifest.json").write_text(content)
     with pytest.raises(DamagedData, match=r"_manifest.json can't be read") as told:
-        parquet.export(run_at(root), "youtube")
+        layouts.write_parquet(run_at(root), "youtube")
     assert told.value.hint == "run `kb youtube filter` again"
 
 
@@ -89,7 +89,7 @@ def test_pairs_that_lost_a_shard_are_made_again_as_the_line_says(root: Path) -> 
     folder = root / "pairs"
     whole = {path.name: path.read_bytes() for path in folder.glob("*.parquet")}
     one(folder).unlink()
-    for read in (pairs, lambda root: parquet.export(run_at(root), "pairs")):
+    for read in (pairs, lambda root: layouts.write_parquet(run_at(root), "pairs")):
         with pytest.raises(KbError) as told:
             read(root)
         assert "kb pairs" in told.value.hint
@@ -113,7 +113,7 @@ def test_a_missing_release_folder_is_never_passed_over(root: Path) -> None:
     (root / "release/youtube/SHA256SUMS").write_text("")
     with pytest.raises(ReleaseRefused, match="for 1 reason"):
         exported(run_at(root))
-    parquet.export(run_at(root), "youtube")
+    layouts.write_parquet(run_at(root), "youtube")
     assert [folder.source for folder in exported(run_at(root))] == ["youtube", "pairs"]
     with pytest.raises(KbError, match="there is no folder wiki"):
         exported(run_at(root), ["wiki"])
@@ -138,7 +138,7 @@ def test_a_link_to_a_folder_stays_one(root: Path, tmp_path: Path) -> None:
         assert (root / "clean/youtube").resolve() == elsewhere
         assert not (elsewhere / "videos/old.parquet").exists()
         assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "disk"]
-    parquet.export(run_at(root), "youtube")
+    layouts.write_parquet(run_at(root), "youtube")
     (tmp_path / ".disk.new").mkdir()
     (elsewhere / "videos/.left.tmp").touch()
     with lock.taking(root, *lock.of_clean("youtube")):

@@ -9,7 +9,7 @@ from kb.artifacts.measures import FILE, read_measures, write_measure
 from kb.artifacts.restore import RestoreFolder
 from kb.artifacts.resumable_build import Part, PartedBuild, clear_finished, write_part
 from kb.core.errors import FatalError
-from kb.core.progress import Silent
+from kb.core.progress import Progress
 from kb.store.tables.shard_writer import sorted_shards
 from kb.verify.root import verify
 from kb.youtube.restore import TABLES
@@ -96,9 +96,9 @@ def test_a_changed_byte_is_found(tmp_path: Path) -> None:
         pass
     path = write_measure(tmp_path, "one", {"n": 1})
     assert path == tmp_path / "pairs" / FILE
-    assert not verify(tmp_path, Silent()).entries
+    assert not verify(tmp_path, Progress()).entries
     path.write_text(path.read_text().replace("1", "2"))
-    assert [one.path for one in verify(tmp_path, Silent()).entries] == [path]
+    assert [one.path for one in verify(tmp_path, Progress()).entries] == [path]
 
 
 def test_the_table_that_decides_what_is_asked_for_is_replaced_last(tmp_path: Path) -> None:

@@ -2,7 +2,9 @@
 adds to a crawl of Reddit.
 """
 
+import json
 import os
+import subprocess
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,10 +12,24 @@ import pytest
 
 from kb.cli.commands.demo import play
 from kb.cli.framework.options import Options
+from tests import processes
 from tests.cli.conftest import clean_environment
+from tests.contract import figureless
+from tests.once import once
 from tests.small_worlds import DEMO
+from tests.youtube.job import Job
 
 NOW = "2026-11-20T12:00:00Z"
+
+
+class Figureless(Job):
+    """A job whose reports have no figures."""
+
+    def kb(self, *words: str, timeout: float = 200, **env: str) -> subprocess.CompletedProcess[str]:
+        child = processes.ForkedProcess(figureless.run, words, self.env | env, self.place)
+        out, err = child.communicate(timeout)
+        assert child.returncode is not None
+        return subprocess.CompletedProcess(words, child.returncode, out, err)
 
 
 class Demo(NamedTuple):
@@ -39,6 +55,9 @@ def played(place: Path, profile: str, without: tuple[str, ...]) -> Demo:
 
 @pytest.fixture(scope="session")
 def cooking(tmp_path_factory: pytest.TempPathFactory) -> Demo:
-    return played(
-        tmp_path_factory.mktemp("cooking"), "cooking", ("reddit import", "refresh reddit", "report")
-    )
+    def make(folder: Path) -> None:
+        demo = played(folder, "cooking", ("reddit import", "refresh reddit", "report"))
+        (folder / "steps.json").write_text(json.dumps(demo.steps))
+
+    folder = once(tmp_path_factory, "cooking", make)
+    return Demo(folder / "demo", json.loads((folder / "steps.json").read_text()))

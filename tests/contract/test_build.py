@@ -14,9 +14,9 @@ from kb.sandbox.reddit.service import dumps
 from kb.sandbox.world import World
 from kb.store.artifact_registry import ARTIFACTS
 from tests.conftest import needs
+from tests.contract.conftest import Figureless as Job
 from tests.faults import Sandbox
 from tests.labels import answers
-from tests.youtube.job import Job
 
 needs("torch")
 

@@ -12,8 +12,8 @@ import pytest
 
 from kb.sandbox.world import World
 from kb.store.lock import writer
+from tests.contract.conftest import Figureless as Job
 from tests.faults import Sandbox
-from tests.youtube.job import Job
 
 LATER = "2027-01-10T12:00:00Z"
 
@@ -118,7 +118,7 @@ def test_an_update_keeps_to_what_the_crawl_was_bounded_by(job: Job) -> None:
     assert not any(trees[post["id"]] for post in early)
     assert all(trees[post["id"]] for post in late)
     (job.place / "ids.txt").unlink()
-    assert "ids.txt, which says what to crawl, is gone" in job.kb("update", "--plan").stderr
+    assert "ids.txt of the last crawl is gone" in job.kb("update", "--plan").stderr
 
 
 def test_only_what_was_crawled_takes_part(job: Job) -> None:

@@ -16,8 +16,7 @@ from kb.core.errors import KbError, ProfileError, SettingError
 from kb.core.installation import making
 from kb.core.licences import KNOWN, licence
 from kb.core.sources import BY_DEFAULT, PUBLISHED, SOURCES, exported_by, made_by, made_of
-from kb.core.summary import Summary
-from kb.core.summary.intervals import wilson_interval
+from kb.core.summary import Summary, wilson_interval
 from kb.core.summary.plan import PlanPart, PlanPhase, join, to_read
 from kb.core.templates import environment
 from kb.schema.tables import tables

@@ -34,7 +34,7 @@ import pyarrow.parquet as pq
 import zstandard
 
 from kb.core.errors import FatalError, KbError
-from kb.core.progress import Silent
+from kb.core.progress import Progress
 from kb.sandbox.zenodo import Deposition
 from kb.store import leftovers
 from kb.verify.root import verify
@@ -294,7 +294,7 @@ def _spread(length: int, count: int, draw: random.Random) -> Iterator[int]:
 def found(root: Path) -> list[str]:
     """What `kb verify` finds."""
     try:
-        look = verify(root, Silent())
+        look = verify(root, Progress())
     except KbError as error:  # an empty folder is no data root
         return [] if type(error) is FatalError else [str(error)]
     return [f"{one.state}: {one.path.relative_to(root)}: {one.what}" for one in look.entries]

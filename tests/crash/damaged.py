@@ -17,7 +17,7 @@ from typing import NamedTuple
 import kb
 from kb import query
 from kb.core.errors import DamagedData
-from kb.core.progress import Silent
+from kb.core.progress import Progress
 from kb.reader.tables import UnknownTable
 from kb.store.tables.checksums import digest
 from kb.verify.root import verify
@@ -161,7 +161,7 @@ class Spoiled:
 
     def _is_found(self, path: Path) -> bool:
         """Whether `kb verify` tells of the file, or of the folder whose answers are lost."""
-        told = {one.path for one in verify(self.root, Silent()).entries}
+        told = {one.path for one in verify(self.root, Progress()).entries}
         return not told.isdisjoint((path, *list(path.parents)[:2]))
 
     def _read(self, reader: Reader, path: Path) -> object:

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from kb.core.installation import folder
-from kb.core.progress import Silent, Task
-from kb.export import parquet
+from kb.core.progress import Progress, Task
+from kb.export import layouts
 from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from kb.store.layout import Layout
@@ -88,8 +88,8 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = run_at(root)
     run_clean(run, "youtube")
     build(run)
-    parquet.export(run, "youtube")
-    parquet.export(run, "pairs")
+    layouts.write_parquet(run, "youtube")
+    layouts.write_parquet(run, "pairs")
     return root
 
 
@@ -183,14 +183,14 @@ def test_verify_while_everything_is_made_again_finds_nothing(root: Path) -> None
     child = processes.program(REBUILDING, root, env=environment(root), cwd=ROOT)
     runs = 0
     while child.poll() is None:
-        assert [(one.state, str(one.path)) for one in verify(root, Silent()).entries] == []
+        assert [(one.state, str(one.path)) for one in verify(root, Progress()).entries] == []
         runs += 1
     assert child.returncode == 0, child.output()
     assert runs > 1
 
 
 def test_what_was_on_its_way_when_files_were_listed_is_not_told(root: Path) -> None:
-    class Finishing(Silent):
+    class Finishing(Progress):
         """The writer ends as soon as `verify` has listed the files."""
 
         def task(self, *args: Any, **options: Any) -> Task:

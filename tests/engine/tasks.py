@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from kb.core.errors import SettingError
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 
 
 def square(number: int) -> int:

@@ -15,7 +15,7 @@ needs("torch", "detoxify")
 
 @pytest.fixture(scope="module")
 def sandbox():
-    with Sandbox(World(), services=["reddit"]) as held:
+    with Sandbox(World(n_channels=1, n_videos=1, n_posts=24, depth=8), services=["reddit"]) as held:
         yield held
 
 

@@ -203,11 +203,7 @@ def test_another_processor_locale_time_zone_hash_seed_and_number_of_workers(
         job = Job(crawled.sandbox, place, toxicity=True, fresh=bool(env), **env)
         for name in ("raw", "state"):
             shutil.copytree(crawled.root / name, job.root / name)
-        job.done("youtube", "filter", "--workers", workers)
-        job.done("youtube", "export")
-        job.done("pairs", "--workers", workers)
-        job.done("links", "--workers", workers)
-        job.done("release")
+        job.done("build", "release", "--workers", workers)
         return {f"{top}/{name}": at for top in MADE for name, at in job.digests(top).items()}
 
     here = made(tmp_path / "here", "1")

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import FatalError
-from kb.export import parquet
+from kb.export import layouts
 from kb.export.rows import check_rows, json_list, sorted_rows
 from kb.schema import table
 
@@ -29,7 +29,7 @@ def test_released_columns_only_and_never_transcripts(
 ) -> None:
     fill(tmp_path, "youtube/videos", make_rows("youtube/videos", 2500), 3)
     fill(tmp_path, "youtube/transcripts", make_rows("youtube/transcripts", 2500), 3)
-    summary = parquet.export(run_at(tmp_path), "youtube")
+    summary = layouts.write_parquet(run_at(tmp_path), "youtube")
     assert summary["videos"] == 2500
     folder = tmp_path / "release" / "youtube"
     assert [path.name for path in folder.iterdir()] == ["videos-00000-of-00001.parquet"]
@@ -41,7 +41,7 @@ def test_released_columns_only_and_never_transcripts(
 
 def test_reddit_release_has_no_content(tmp_path: Path, make_rows, run_at, fill) -> None:
     fill(tmp_path, "reddit/posts", make_rows("reddit/posts", 10), 1)
-    parquet.export(run_at(tmp_path), "reddit")
+    layouts.write_parquet(run_at(tmp_path), "reddit")
     for path in (tmp_path / "release" / "reddit").iterdir():
         names = set(pq.read_schema(path).names)
         assert not names & {"title", "body", "author_hash", "source_url", "poll_options"}
@@ -58,7 +58,7 @@ def test_the_same_bytes_whatever_the_parts_and_twice(
     for name, parts in (("one", 1), ("many", 17)):
         fill(tmp_path / name, "youtube/videos", rows, parts)
         for _ in range(2):
-            parquet.export(run_at(tmp_path / name), "youtube")
+            layouts.write_parquet(run_at(tmp_path / name), "youtube")
             seen.append(digests(tmp_path / name / "release" / "youtube"))
     assert all(other == seen[0] for other in seen)
     assert len(seen[0]) == 1
@@ -75,7 +75,7 @@ def test_the_profile_says_how_large_a_shard_is(tmp_path: Path, make_rows, run_at
     run = run_at(tmp_path)
     release = run.profile.release.model_copy(update={"shard_mb": 0.01})
     profile = run.profile.model_copy(update={"release": release})
-    parquet.export(replace(run, profile=profile), "reddit")
+    layouts.write_parquet(replace(run, profile=profile), "reddit")
     shards = sorted((tmp_path / "release/reddit").glob("comments-*"))
     assert [pq.read_metadata(path).num_rows for path in shards] == [131_072, 140_000 - 131_072]
     assert [path.name for path in shards] == [
@@ -89,7 +89,7 @@ def test_an_older_release_goes_whole(tmp_path: Path, make_rows, run_at, fill) ->
     old.mkdir(parents=True)
     (old / "SHA256SUMS").write_text("old")
     (old / "videos-00001-of-00002.parquet").write_text("old")
-    parquet.export(
+    layouts.write_parquet(
         run_at(tmp_path),
         "youtube",
         add_files=lambda fresh: (fresh / "extra.tar").write_bytes(b"x") and None,
@@ -102,7 +102,7 @@ def test_an_older_release_goes_whole(tmp_path: Path, make_rows, run_at, fill) ->
 
 def test_nothing_to_export(tmp_path: Path, run_at) -> None:
     with pytest.raises(FatalError, match="nothing to export") as caught:
-        parquet.export(run_at(tmp_path), "youtube")
+        layouts.write_parquet(run_at(tmp_path), "youtube")
     assert caught.value.hint == "run `kb youtube filter` first"
     assert not (tmp_path / "release").exists()
 

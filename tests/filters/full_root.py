@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from kb.core.config.pipeline import load, locate
-from kb.export import minedojo, parquet
+from kb.export import layouts, minedojo
 from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from tests.filters.made import MONDAY, cues, listing, put, run_at, transcript, video
@@ -19,8 +19,8 @@ def make(root: Path) -> None:
     run = run_at(root)
     run_clean(run, "youtube")
     build(run)
-    parquet.export(run, "youtube")
-    parquet.export(run, "pairs")
+    layouts.write_parquet(run, "youtube")
+    layouts.write_parquet(run, "pairs")
     minedojo.youtube(run)
 
 

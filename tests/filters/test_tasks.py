@@ -9,7 +9,7 @@ import pytest
 
 from kb.core.errors import CountMismatch
 from kb.core.progress import Progress, Task
-from kb.export import parquet
+from kb.export import layouts
 from kb.filters.filter_run import run_clean
 from kb.store.state import tombstones
 from kb.store.tables import partition
@@ -83,7 +83,7 @@ def test_workers_segments_and_buckets_change_no_byte_of_the_release(
     assert summary["kept"] == 566
     assert len(list((tmp_path / "many/clean/youtube/videos").iterdir())) > 4
     for name in ("one", "many"):
-        parquet.export(run_at(tmp_path / name), "youtube")
+        layouts.write_parquet(run_at(tmp_path / name), "youtube")
     assert digests(tmp_path / "one/release") == digests(tmp_path / "many/release")
     before = digests(tmp_path / "many/clean")
     run_clean(run_at(tmp_path / "many", workers=1), "youtube")

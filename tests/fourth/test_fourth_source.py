@@ -53,19 +53,31 @@ def service() -> Iterator[Service]:
         yield running
 
 
-Kb = Callable[..., dict[str, Any]]
+Kb = Callable[..., list[dict[str, Any]]]
+# Importing kb takes most of the time of a command: one process runs several.
+COMMANDS = """
+import json, sys
+from kb.cli import main
+for words in json.loads(sys.argv[1]):
+    try:
+        main([*words, *sys.argv[2:]])
+    except SystemExit as ended:
+        if ended.code:
+            raise
+"""
 
 
 @pytest.fixture(scope="module")
 def kb(project: Path, service: Service) -> Kb:
-    """Run a command of the copy on its data root; the summary."""
+    """Run commands of the copy on its data root; their summaries."""
     profile = project / "notes.toml"
     profile.write_text(PROFILE.format(url=service.root))
+    options = ["--data", "data/root", "--json", "--profile", str(profile)]
 
-    def run(*words: str) -> dict[str, Any]:
-        command = [sys.executable, "-m", "kb", *words, "--data", "data/root", "--json"]
+    def run(*commands: str) -> list[dict[str, Any]]:
+        words = json.dumps([command.split() for command in commands])
         done = subprocess.run(
-            [*command, "--profile", str(profile)],
+            [sys.executable, "-c", COMMANDS, words, *options],
             cwd=project,
             env={**clean_environment(), "PYTHONPATH": str(project)},
             capture_output=True,
@@ -73,8 +85,7 @@ def kb(project: Path, service: Service) -> Kb:
             check=False,
         )
         assert done.returncode == 0, done.stdout + done.stderr
-        summary: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-        return summary
+        return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
     return run
 
@@ -96,27 +107,33 @@ def test_from_crawl_to_purge(project: Path, kb: Kb) -> None:
         if path.suffix in (".py", ".toml", ".json")
     )
     assert lines < 250
-    assert kb("feed", "crawl")["crawled"] == 10
-    sorted_rows = kb("feed", "filter")
-    assert (sorted_rows["kept"], sorted_rows["rejected"]) == (7, 3)
-    assert kb("feed", "export")["notes"] == 7
+    crawled, filtered, exported, linked, found, made, status = kb(
+        "feed crawl", "feed filter", "feed export", "links", "search n007", "release", "status"
+    )
+    assert crawled["crawled"] == 10
+    assert (filtered["kept"], filtered["rejected"]) == (7, 3)
+    assert exported["notes"] == 7
     kept = [f"n{number:03d}" for number in range(3, 10)]
     assert released(project) == kept
-    assert kb("links")["sources"] == {"feed": 8}
-    (answer,) = kb("search", "n007")["answers"]
+    assert linked["sources"] == {"feed": 8}
+    (answer,) = found["answers"]
     assert (answer["source"], answer["key"]) == ("feed", "n007")
-    assert kb("release")["folders"] == 2  # the feed and links
+    assert made["folders"] == 2  # the feed and links
     assert (
         "Notes of a feed about Notes." in (project / "data/root/release/feed/README.md").read_text()
     )
-    status = kb("status")
     assert (status["sources"]["feed"]["crawled_so_far"], status["left"]) == (10, 0)
     (project / "gone.txt").write_text("n007\n")
-    planned = kb("purge", "feed", "--ids", "gone.txt", "--plan")
-    for summary in (planned, kb("purge", "feed", "--ids", "gone.txt")):
-        assert [summary[name] for name in ("purged", "known", "unknown", "unread")] == [1, 0, 0, 0]
-    again = kb("purge", "feed", "--ids", "gone.txt")
-    assert [again[name] for name in ("purged", "known", "unknown", "unread")] == [0, 1, 0, 0]
+    purge = "purge feed --ids gone.txt"
+    planned, purged, again, found, verified = kb(
+        f"{purge} --plan", purge, purge, "search n007", "verify"
+    )
+    for summary, numbers in (
+        (planned, [1, 0, 0, 0]),
+        (purged, [1, 0, 0, 0]),
+        (again, [0, 1, 0, 0]),
+    ):
+        assert [summary[name] for name in ("purged", "known", "unknown", "unread")] == numbers
     assert released(project) == [key for key in kept if key != "n007"]
-    assert kb("search", "n007")["answers"] == []
-    assert kb("verify")["files_damaged"] == 0
+    assert found["answers"] == []
+    assert verified["files_damaged"] == 0

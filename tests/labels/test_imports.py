@@ -12,7 +12,7 @@ import pytest
 from kb.artifacts import release_folder
 from kb.artifacts.measures import read_measures
 from kb.core.context import Run
-from kb.core.progress import Silent
+from kb.core.progress import Progress
 from kb.labels.export import export
 from kb.labels.imports import agreement
 from kb.labels.questions import PAIRS
@@ -77,7 +77,7 @@ def test_answers_become_rows_and_weighted_shares(root: Path, here: Here) -> None
     assert "n = 40); Cohen's kappa 1.00 over 40." in said
     assert "Is the time right?" not in said  # nobody answered
     assert f"pair\tvisible\t40\t{one['share']:.3f} (" in done.out
-    assert not verify(root, Silent()).entries
+    assert not verify(root, Progress()).entries
 
 
 def test_repeated_imports_and_other_orders_give_the_same_bytes(root: Path, here: Here) -> None:
@@ -125,7 +125,7 @@ def test_purged_and_unknown_items_are_refused(root: Path, here: Here) -> None:
     assert "labels" in here(*purge, "--plan").out
     assert here(*purge).code == 0
     assert [row["item_id"] for row in _labels(root)] == [one["item_id"]]
-    assert not verify(root, Silent()).entries
+    assert not verify(root, Progress()).entries
     done = here("label", "import", str(file), "--data", str(root), "--json")
     summary = json.loads(done.out.splitlines()[-1])
     assert (summary["purged_items"], summary["unknown_items"]) == (1, 1)

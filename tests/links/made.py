@@ -9,7 +9,8 @@ import pyarrow.parquet as pq
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.links.build import Names, build
+from kb.links.build import build
+from kb.schema.wiki_page import PageNames
 from kb.store.layout import Layout
 from tests.search.made import write
 
@@ -96,7 +97,7 @@ def _comment(number: int, body: str) -> dict[str, Any]:
     return {"comment_id": f"c{number}", "post_id": "p0", "parent_id": "t3_p0", "body": body}
 
 
-def links(run: Run, names: dict[str, Names] | None = None) -> dict[str, Any]:
+def links(run: Run, names: dict[str, PageNames] | None = None) -> dict[str, Any]:
     """Make them; the summary."""
     return dict(build(run, lambda: names or {}))
 

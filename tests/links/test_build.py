@@ -15,11 +15,11 @@ import kb
 from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData, WriterLocked
-from kb.core.progress import Silent
+from kb.core.progress import Progress
 from kb.links import build as building
-from kb.links.build import Names
 from kb.query import connect
 from kb.schema import table
+from kb.schema.wiki_page import PageNames
 from kb.search.answers import keys
 from kb.store import lock
 from kb.store.artifact_registry import MANIFEST
@@ -27,11 +27,11 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.tables import parquet, shard_writer
 from kb.store.tables.shard_writer import write_table
 from kb.verify.root import verify
+from kb.wiki.parse.answers import named_pages
 from tests.inprocess import Here
 from tests.links import made
 
-pipeline = load(str(locate("links")))
-NAMES = {"Canidae": Names("Canidae", ("Wolf",))}
+NAMES = {"Canidae": PageNames("Canidae", ("Wolf",))}
 SECRET = "video000002"
 
 
@@ -158,17 +158,17 @@ def test_a_lost_or_damaged_file_is_told_and_mended(run: Run) -> None:
     path.unlink()
     with pytest.raises(DamagedData, match="entities-00000-of-00001"):
         made.links(run, NAMES)
-    assert [(one.kind, one.state, one.path) for one in verify(run.root, Silent()).entries] == [
+    assert [(one.kind, one.state, one.path) for one in verify(run.root, Progress()).entries] == [
         ("links", "missing", path)
     ]
     made.links(replace(run, again=True), NAMES)
-    assert not verify(run.root, Silent()).entries
+    assert not verify(run.root, Progress()).entries
     path.write_bytes(path.read_bytes()[:-40])
-    (one,) = verify(run.root, Silent()).entries
+    (one,) = verify(run.root, Progress()).entries
     assert (one.kind, one.state, one.advice) == ("links", "damaged", "run `kb links --again`")
     said = load(str(locate("verify"))).repair(run)[1]
     assert said == ["`kb links --again` was run"]
-    assert not verify(run.root, Silent()).entries
+    assert not verify(run.root, Progress()).entries
 
 
 def test_one_writer_and_no_filter_meanwhile(run: Run) -> None:
@@ -240,10 +240,10 @@ def test_a_purge_leaves_no_byte(
         held = [path for path in files if "tombstones" not in path.name]
         assert not [path for path in held if gone.encode() in _plain(path)]
     kept = bytes_of(run.root)
-    made.links(replace(run, again=True), pipeline.names(run))
+    made.links(replace(run, again=True), named_pages(run.root))
     assert bytes_of(run.root) == kept
     assert here("release", *at).code == 0
-    assert not verify(run.root, Silent()).entries
+    assert not verify(run.root, Progress()).entries
 
 
 def _plain(path: Path) -> bytes:

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.links import texts
-from kb.links.build import Names, Own, aliases, own_pages
+from kb.links.build import Own, aliases, own_pages
 from kb.pairs.keywords import Keyword, Keywords, load, make
+from kb.schema.wiki_page import PageNames
+from kb.wiki.parse.answers import named_pages
 from tests.inprocess import Here
 from tests.links import by_hand, made
-from tests.links.test_build import pipeline
 from tests.wiki import handmade_data as wiki
 
 TEXT = st.lists(st.sampled_from(made.WORDS), max_size=14).map(" ".join)
@@ -61,7 +62,7 @@ def expected(world: dict[str, Any], keywords: Keywords) -> list[by_hand.Row]:
     return sorted(found, key=lambda row: row[:4])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.fixed_dictionaries(WORLD))
 def test_counts_are_those_of_a_reckoning_word_by_word(world: dict[str, Any]) -> None:
     with tempfile.TemporaryDirectory() as place:
@@ -121,7 +122,7 @@ def test_an_entity_s_page_by_title_or_redirect(
     pages: dict[int, str], names: dict[str, tuple[str, ...]], wanted: dict[str, tuple[Any, ...]]
 ) -> None:
     keywords = make(LISTED)
-    called = {title: Names(title, redirects) for title, redirects in names.items()}
+    called = {title: PageNames(title, redirects) for title, redirects in names.items()}
     for order in (1, -1):
         found = own_pages(keywords, list(pages.items())[::order], called)
         assert {keywords.every[at].name: one for at, one in found.items()} == {
@@ -140,9 +141,9 @@ def test_redirects_come_from_the_wiki_s_answers(run: Run, here: Here) -> None:
     wiki.put(run.root, "site", (wiki.MONDAY, {"query": {"namespaces": spaces, "general": {}}}))
     wiki.put(run.root, "pages", (wiki.TUESDAY, wiki.told(newer)), (wiki.MONDAY, wiki.told(older)))
     wiki.put(run.root, "pages", (wiki.MONDAY, wiki.told(other)))
-    assert pipeline.names(run) == {
-        "Canidae": Names("Canidae", ("Pets", "Wolf")),
-        "Cookbook:Bed": Names("Bed", ("Dragon",)),
+    assert named_pages(run.root) == {
+        "Canidae": PageNames("Canidae", ("Pets", "Wolf")),
+        "Cookbook:Bed": PageNames("Bed", ("Dragon",)),
     }
     made.fill(run.root, pages=[("Nothing", []), ("Canidae", []), ("Cookbook:Bed", [])])
     assert here("links", "--data", str(run.root), "--profile", str(run.profile.path)).code == 0

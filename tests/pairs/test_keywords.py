@@ -12,9 +12,10 @@ from kb.core.context import Run
 from kb.core.errors import ProfileError
 from kb.pairs.keyword_hits import keyword_lines
 from kb.pairs.keyword_list import NEVER, forms, plural, read, scan, singular
-from kb.pairs.keyword_proposal import PageNames, propose
+from kb.pairs.keyword_proposal import propose
 from kb.pairs.keywords import Keyword, load, make
 from kb.pairs.matching import phrase
+from kb.schema.wiki_page import PageNames
 
 HEADER = "keyword\tkind\trule\tforms\n"
 

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from kb.core.summary.intervals import wilson_interval
+from kb.core.summary import wilson_interval
 from kb.pairs import repeated_text
 from kb.pairs.keyword_list import Keyword
 from kb.pairs.keywords import Keywords
@@ -103,9 +103,9 @@ def _plain(text: str) -> list[str]:
 def test_reposts_are_found_and_nothing_else(spoken: list[Spoken]) -> None:
     found, planted = set(), set()
     for seed, one in zip(SEEDS, spoken, strict=True):
-        bands = repeated_text.bands_of(hashed_words(one.text), len(one.text))
-        first = repeated_text.firsts(bands.bands)
-        numbers = bands.video.tolist()
+        video, bands = repeated_text.bands_of(hashed_words(one.text), len(one.text))
+        first = repeated_text.firsts(bands)
+        numbers = video.tolist()
         for place, (number, of) in enumerate(zip(numbers, first.tolist(), strict=True)):
             if of != place:
                 found.add((seed, frozenset((one.videos[number].id, one.videos[numbers[of]].id))))
@@ -140,7 +140,7 @@ def _marked(one: Spoken, path: Path) -> list[list[bool]]:
     words = hashed_words(one.text)
     keys = repeated_text.keys_of(words, [video.channel.id for video in one.videos])
     np.save(path, repeated_text.once_a_video(keys, words.video[: len(keys)]))
-    hits = np.flatnonzero(np.isin(keys, repeated_text.recurring([path]).keys) & (keys != 0))
+    hits = np.flatnonzero(np.isin(keys, repeated_text.recurring([path])[0]) & (keys != 0))
     mark = np.zeros(len(words.at), bool)
     mark[(hits[:, None] + np.arange(LENGTH)).ravel()] = True
     return [mark[words.video == number].tolist() for number in range(len(one.videos))]

@@ -65,9 +65,9 @@ def test_an_edited_copy_has_bands_in_common_and_another_talk_has_none() -> None:
     other = [f"word{n * n % 991}" for n in range(600)]
     cues = [[(0, 9, " ".join(one))] for one in (talk, copy, other, talk[:20])]
     text = Text(transcripts(*((f"v{n}", "asr", one) for n, one in enumerate(cues))))
-    made = bands_of(hashed_words(text), len(text))
-    assert made.video.tolist() == [0, 1, 2]  # the last one says too little
-    assert firsts(made.bands).tolist() == [0, 0, 2]
+    video, bands = bands_of(hashed_words(text), len(text))
+    assert video.tolist() == [0, 1, 2]  # the last one says too little
+    assert firsts(bands).tolist() == [0, 0, 2]
 
 
 def _plain(videos: list[tuple[str, list[str]]], row: int) -> list[bool]:
@@ -145,9 +145,9 @@ def test_re_uploads_are_found_though_words_were_heard_otherwise(share: float, fo
     rng = random.Random(5)
     talks = [_talk(rng, rng.randint(150, 600)) for _ in range(400)]
     copies = [_heard(rng, words, share) for words in talks[:200]]
-    made = bands_of(hashed_words(_text([*talks, *copies])), 600)
-    assert len(made.video) == 600
-    first = firsts(made.bands)
+    video, bands = bands_of(hashed_words(_text([*talks, *copies])), 600)
+    assert len(video) == 600
+    first = firsts(bands)
     assert (first[400:] == np.arange(200)).mean() >= found
     assert (first[:400] == np.arange(400)).all()  # no talk is taken for another
 

@@ -10,7 +10,7 @@ import pytest
 from kb import query
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData, FatalError, UsageError
-from kb.query.isolated import QueryReply, run_isolated
+from kb.query.execute import QueryReply, run_isolated
 from kb.query.limits import Limits, limited
 from tests.query.conftest import rows
 

@@ -49,7 +49,7 @@ def no_pdf(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def of_one(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], OfOne]:
-    """of_one(source): made once; the root is read only."""
+    """of_one(source): made once; the root is read only. Only the videos' report has PDFs."""
 
     @functools.cache
     def make(source: str) -> OfOne:
@@ -60,7 +60,12 @@ def of_one(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], OfOne]:
             (root / "clean" / "wiki" / "summary.json").write_text(
                 json.dumps({"model": "toxic_original"})
             )
-        with warnings.catch_warnings(record=True) as warned:
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            warnings.catch_warnings(record=True) as warned,
+        ):
+            if source != "youtube":
+                patch.delitem(charts.FORMATS, "pdf", raising=False)
             warnings.simplefilter("always")
             summary = report(a_run(root))
         page = (root / "report" / "index.html").read_text()

@@ -123,14 +123,14 @@ def test_a_download_has_a_report_outside_of_it(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     download = tmp_path / "download"
-    for name in ("youtube/videos", "reddit/posts", "pairs/pairs"):
+    for name in ("pairs/pairs", "tasks/tasks"):
         source, _, short = name.partition("/")
         path = download / source / f"{short}-00000-of-00001.parquet"
         write_table(path, make_rows(name, 5, released=True), name, released=True)
     before = sorted(download.rglob("*"))
     page = Path(report(a_run(download))["page"])
     assert page.is_relative_to(tmp_path / "cache")
-    assert "No data of YouTube" not in page.read_text()
+    assert "No data of Video-text pairs" not in page.read_text()
     report(a_run(download), tmp_path / "out")
     assert (tmp_path / "out" / "index.html").is_file()
     assert sorted(download.rglob("*")) == before
@@ -214,10 +214,11 @@ def test_missing_sources_are_said_in_a_line(of_one: Callable[[str], OfOne]) -> N
 
 
 def test_what_the_profile_leaves_out_has_no_section(
-    of_one: Callable[[str], OfOne], tmp_path: Path
+    of_one: Callable[[str], OfOne], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Videos alone: neither Reddit and its pairs' neighbours nor an empty figure of the wiki."""
     root = of_one("youtube").root
+    monkeypatch.delitem(charts.FORMATS, "pdf")
     run = a_run(root)
     only = run.profile.model_copy(update={"wiki": None, "reddit": None, "pairs": None})
     report(dataclasses.replace(run, profile=only), tmp_path / "out")

@@ -11,7 +11,7 @@ from kb.core.errors import DamagedData
 from kb.look import charts
 from kb.report.build import report
 from kb.report.data import ReportData
-from kb.wiki import page_figure
+from kb.wiki.report import pages
 from tests.release.made import build
 from tests.report.made import a_run
 
@@ -35,7 +35,7 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.effect_noise((1280, 900), 64).convert("RGB").save(path, compress_level=1)
     data = ReportData(a_run(tmp_path))
-    _, detail, *_ = page_figure.pages(data, load_profile("minecraft"))
+    _, detail, *_ = pages(data, load_profile("minecraft"))
     width, height, left, top = map(int, re.findall(r"\d+", detail.caption)[:4])
     shown = Image.open(BytesIO(detail.files["png"])).convert("RGB")
     assert shown.width == 2 * width

@@ -27,6 +27,9 @@ def digits(value: Any) -> bool:
     return isinstance(value, str) and value.isascii() and value.isdigit() and int(value) < 2**63
 
 
+digit_texts = st.integers(0, 10**6).map(str)
+
+
 # hypothesis wants bounds without a zone.
 moments = st.datetimes(datetime(1970, 1, 1), datetime(2100, 1, 1))  # noqa: DTZ001
 

@@ -102,7 +102,7 @@ def test_any_value_in_any_place_costs_that_value_only(data: st.DataObject) -> No
         "status": 200,
         "response": {"items": [{"id": "a"} | at(path, value), other]},
     }
-    ((rows, _),) = reader.tables([json.dumps(envelope).encode()], 10)
+    ((rows, _),) = reader.tables([json.dumps(envelope).encode()])
     a, b = rows.to_pylist()
     assert (a["video_id"], b["video_id"], b["view_count"], b["duration_s"], b["problems"]) == (
         "a",

@@ -3,16 +3,18 @@
 import json
 from typing import Any
 
+import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kb.core.errors import DamagedData
 from kb.schema import coerce, table
-from kb.schema.decode import ColumnReader
+from kb.schema.decode import ColumnReader, rows_of
 from kb.schema.tables import parse_type
 from tests.schema.json_values import (
     anything,
+    digit_texts,
     digits,
     transcript,
 )
@@ -34,9 +36,54 @@ def test_no_answer_changes_another(responses: list[Any]) -> None:
         ).encode()
         for response in responses
     ]
-    together = reader.table([reader.answer(line) for line in lines]).to_pylist()
+    together = pa.concat_tables(rows for rows, _ in reader.tables(lines))
+    together.validate(full=True)
     apart = [reader.table([reader.answer(line)]).to_pylist()[0] for line in lines]
-    assert repr(together) == repr(apart)
+    assert repr(together.to_pylist()) == repr(apart)
+
+
+odd = digit_texts | anything
+item = st.fixed_dictionaries(
+    {"id": st.sampled_from(["a", "b"])},
+    optional={
+        "snippet": st.fixed_dictionaries(
+            {},
+            optional={
+                "title": st.text(max_size=4) | odd,
+                "tags": st.lists(st.text(max_size=3), max_size=3) | odd,
+                "publishedAt": st.just("2026-01-01T00:00:00Z") | odd,
+            },
+        )
+        | odd,
+        "statistics": st.fixed_dictionaries({}, optional={"viewCount": odd, "likeCount": odd}),
+        "contentDetails": st.fixed_dictionaries(
+            {}, optional={"duration": st.just("PT1M"), "caption": st.sampled_from(["true", "?"])}
+        ),
+        "status": st.fixed_dictionaries({}, optional={"madeForKids": st.booleans() | odd}),
+    },
+)
+
+
+@settings(max_examples=150)
+@given(st.lists(st.tuples(st.lists(item, max_size=3), st.sampled_from([200, 403])), max_size=4))
+def test_answers_read_at_once_are_those_read_one_by_one(answers: list[Any]) -> None:
+    reader = ColumnReader(table("youtube/videos"), "videos")
+    lines = [
+        json.dumps(
+            {
+                "fetched_at": "2026-11-20T12:00:00Z",
+                "request": {"params": {"id": "a,b"}},
+                "status": status,
+                "response": {"items": items},
+            },
+        ).encode()
+        for items, status in answers
+    ]
+    decoded = [one for line in lines if (one := reader.answer(line)).status == 200]
+    for rows, found in reader.tables(lines):
+        rows.validate(full=True)
+        assert rows.equals(reader.table(decoded))
+        assert found == rows_of(decoded)
 
 
 @pytest.mark.parametrize("line", [b"{", b"[]", b"null", b'{"request": 3}', b'{"text": "\xff"}'])

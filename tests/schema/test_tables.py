@@ -11,8 +11,8 @@ import pytest
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.installation import folder
 from kb.schema import conform, raw, table, tables
-from kb.schema.nested_elements import ancestors, is_outermost
 from kb.schema.tables import load_table, parse_type
+from kb.schema.wiki_page import ancestors, is_outermost
 from kb.store.tables.shard_writer import write_table
 
 FILES = sorted((folder("schemas") / "tables").glob("*/*.toml"))

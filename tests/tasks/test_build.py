@@ -16,7 +16,7 @@ from kb.artifacts import release_folder
 from kb.pairs.transcript_batch import Text
 from kb.release.metadata.quality import task_quality
 from kb.sandbox.world import World
-from kb.tasks.build import TaskTimes, by_chapter, by_mentions, chapters
+from kb.tasks.build import by_chapter, by_mentions, chapters
 from tests.faults import Sandbox
 from tests.labels.answers import exported, judgement
 from tests.youtube.job import Job
@@ -251,8 +251,8 @@ def test_other_times_are_no_chapters(text: str) -> None:
 
 def test_the_chapter_that_names_the_object_has_the_task() -> None:
     listed = chapters(LISTED, 4000.0)
-    assert by_chapter(listed, ("simple", "iron", "farm"), 4000.0) == TaskTimes(65, 3723)
-    assert by_chapter(listed, ("goodbye",), 4000.0) == TaskTimes(3723, 4000)
+    assert by_chapter(listed, ("simple", "iron", "farm"), 4000.0) == (65, 3723)
+    assert by_chapter(listed, ("goodbye",), 4000.0) == (3723, 4000)
     assert by_chapter(listed, ("castle",), 4000.0) is None
 
 
@@ -261,7 +261,7 @@ def _said(*cues: tuple[float, str]) -> Text:
     return Text(pa.table({"video_id": ["v"], "kind": ["manual"], "cues": pa.array([cells])}))
 
 
-def _times(words: tuple[str, ...], *cues: tuple[float, str]) -> TaskTimes | None:
+def _times(words: tuple[str, ...], *cues: tuple[float, str]) -> tuple[float, float] | None:
     (found,) = by_mentions(_said(*cues), [words], 60)
     return found
 
@@ -274,14 +274,14 @@ def test_a_task_begins_with_mentions_that_have_company() -> None:
         (150, "now this Castle is done"),
         (500, "look at the castle again"),
     )
-    assert _times(("giant", "castle"), *cues) == TaskTimes(101.0, 154.0)
+    assert _times(("giant", "castle"), *cues) == (101.0, 154.0)
 
 
 def test_the_longest_name_that_is_spoken_counts() -> None:
     cues = ((5, "a farm"), (20, "an iron farm"), (40, "the iron farm"))
-    assert _times(("tiny", "iron", "farm"), *cues) == TaskTimes(21.333, 44.0)
+    assert _times(("tiny", "iron", "farm"), *cues) == (21.333, 44.0)
     assert _times(("farmer",), *cues) is None
 
 
 def test_one_mention_alone_is_its_cue() -> None:
-    assert _times(("bow",), (7, "take a bow please"), (12, "and go")) == TaskTimes(9.0, 11.0)
+    assert _times(("bow",), (7, "take a bow please"), (12, "and go")) == (9.0, 11.0)

@@ -36,11 +36,11 @@ def zeros(path: Path) -> None:
 
 def large(path: Path) -> None:
     with path.open("wb") as file:
-        file.truncate(20 * SMALL)
+        file.truncate(12 * SMALL)  # more than MEMORY
 
 
 def many(folder: Path) -> None:
-    for number in range(200):
+    for number in range(40):
         (folder / f"posts{number:03d}-00000-of-99999.parquet").touch()
     (folder / "posts-00000-of-99999.parquet").touch()
 

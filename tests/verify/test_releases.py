@@ -1,4 +1,4 @@
-"""Tests of `kb.verify.releases`."""
+"""Tests of `kb.verify.root`."""
 
 import json
 from collections.abc import Callable

@@ -9,7 +9,7 @@ import pytest
 
 from kb.artifacts import manifest
 from kb.core.config.pipeline import load, locate
-from kb.core.progress import Silent
+from kb.core.progress import Progress
 from kb.store.tables.shard_writer import write_table
 from kb.verify.repair import Crawl, Make, Step, repaired
 from tests.filters.made import run_at
@@ -76,9 +76,9 @@ def test_a_repair_killed_after_its_crawl_filters_when_it_is_run_again(root: Path
         return [crawl, Make("clean", "kb youtube filter", clean, folder, after="youtube")]
 
     with pytest.raises(KeyboardInterrupt):
-        repaired(root, Silent(), steps(killed_filter))
+        repaired(root, Progress(), steps(killed_filter))
     for expected in (1, 1):  # the second one finds nothing to do
-        repaired(root, Silent(), steps(lambda: runs.append("filter")))
+        repaired(root, Progress(), steps(lambda: runs.append("filter")))
         assert len(runs) == expected
     assert found(root) == []
 

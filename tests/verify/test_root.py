@@ -8,7 +8,7 @@ import pytest
 
 from kb.artifacts import manifest
 from kb.core.errors import FatalError, UsageError
-from kb.core.progress import Silent
+from kb.core.progress import Progress
 from kb.store.artifact_registry import MANIFEST
 from kb.store.layout import Layout
 from kb.store.tables import parquet
@@ -17,7 +17,7 @@ from kb.verify.root import verify as look_at
 
 
 def verify(folder: Path) -> Findings:
-    return look_at(folder, Silent())
+    return look_at(folder, Progress())
 
 
 def found(folder: Path) -> list[tuple[str, str, str]]:

@@ -266,8 +266,8 @@ def _as_before(run: Run, source: str) -> dict[str, Any]:
         bounds[name] = Path(bounds[name])
         if not bounds[name].exists():
             raise FatalError(
-                f"{bounds[name]}, which says what to crawl, is gone",
-                hint=f"bring it back, or run `kb {source} crawl` once as it is to go on",
+                f"the list {bounds[name]} of the last crawl is gone",
+                hint=f"restore it, or run `kb {source} crawl` once without a list",
             )
     return bounds
 

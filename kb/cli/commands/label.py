@@ -14,8 +14,7 @@ from kb.cli.framework.messages import show, show_row
 from kb.cli.framework.options import OnlyPairs
 from kb.core.context import Run
 from kb.core.errors import SettingError
-from kb.core.summary import Summary
-from kb.core.summary.intervals import interval_text
+from kb.core.summary import Summary, interval_text
 
 app = group("Let people judge a sample in Label Studio, or tasks in the terminal.")
 
@@ -127,7 +126,10 @@ def triage(
     run: Run,
     what: Annotated[TriagedKind, typer.Argument(help="What to judge.")],
     annotator: Annotated[
-        int, typer.Option("--annotator", min=0, metavar="N", help="The number of who judges.")
+        int,
+        typer.Option(
+            "--annotator", min=0, metavar="N", help="The number of the person who judges."
+        ),
     ] = 1,
 ) -> Summary:
     """Accept or reject tasks in the terminal: one title at a time, one key each.

@@ -211,7 +211,7 @@ def keywords(
 
 def _proposal(run: Run) -> Proposal:
     from kb.pairs import keywords
-    from kb.pairs.keyword_proposal import PageNames, propose
+    from kb.pairs.keyword_proposal import propose
     from kb.store.rawlog import rawlog
     from kb.wiki.parse.answers import named_pages
     from kb.wiki.source import Wiki
@@ -224,15 +224,7 @@ def _proposal(run: Run) -> Proposal:
     section = run.profile.pairs
     listed = bool(section and (section.keyword_files or section.include))
     known = keywords.load(run.profile).phrases if listed else ()
-    names = [
-        PageNames(
-            page.title.removeprefix(f"{page.prefix}:"),
-            [title.removeprefix(f"{page.prefix}:") for title in page.redirects],
-            page.categories,
-        )
-        for page in named_pages(run.root)
-    ]
-    return propose(names, known)
+    return propose(named_pages(run.root).values(), known)
 
 
 def _current_profile(options: Options) -> Path:

@@ -164,11 +164,11 @@ def selector_findings(profile: Profile, pages: list[str]) -> list[Finding]:
         return [Finding(NOTE, _SELECTORS, 0, "", f"not tried: {error}", hint)]
     fix = "write a CSS selector, such as .infobox"
     findings = [
-        Finding(ERROR, _SELECTORS, 0, one.key, f"'{one.key}' is not a CSS selector", fix)
-        for one in counts
-        if one.matches is None
+        Finding(ERROR, _SELECTORS, 0, key, f"'{key}' is not a CSS selector", fix)
+        for key, matches in counts.items()
+        if matches is None
     ]
-    empty = [one.key for one in counts if one.matches == 0 and one.key in {_ROOT, *own}]
+    empty = [key for key, matches in counts.items() if matches == 0 and key in {_ROOT, *own}]
     if _ROOT in empty:
         empty.remove(_ROOT)
         what = f"'{_ROOT}' matches nothing in {len(pages)} pages, so whole pages are read"

@@ -112,7 +112,7 @@ def query(
     the machine's memory, and spills the rest to the data root, or to the temporary folder for a
     download.
     """
-    from kb.artifacts import remote_release, table_catalog
+    from kb.artifacts import table_catalog
     from kb.query import catalog, connect, find_views, select
     from kb.query.formats import choose, write
     from kb.query.limits import for_people, limited
@@ -128,8 +128,12 @@ def query(
         sql = _read(sql, file)
     run = options.make_run(needs="root", exists=options.data is not None, addresses=True)
     address = table_catalog.address_of(run.settings.kb_data)
-    views = remote_release.read_views(address) if address else None
-    if not address:
+    views = None
+    if address:
+        from kb.artifacts import remote_release  # its import alone takes as long as a query
+
+        views = remote_release.read_views(address)
+    else:
         warn_stale(run)
     if tables and views is None:
         table_catalog.read(run.root)

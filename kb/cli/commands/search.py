@@ -26,7 +26,8 @@ mcp_app = group("Serve search and tables to agents over the Model Context Protoc
 LIMIT = 10
 
 
-SearchSource = StrEnum("SearchSource", list(SOURCES))  # type: ignore[misc]  # where an answer comes from
+# Where an answer comes from.
+SearchSource = StrEnum("SearchSource", list(SOURCES))  # type: ignore[misc]
 
 
 class HitKind(StrEnum):

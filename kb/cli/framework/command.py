@@ -237,7 +237,7 @@ def _call(
                 messages.show_summary(summary, options.json)
     except typer.Exit as done:
         return done.exit_code
-    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  the one place where everything ends
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  everything ends here
         return report(
             error, debug=options.debug, as_json=options.json, places=_written(options.data)
         )

@@ -20,8 +20,7 @@ from kb.cli.framework.messages import fail, show_summary
 from kb.core import terminal
 from kb.core.errors import KbError, Stopped
 from kb.net import redact
-from kb.store.full_disk import as_disk_full
-from kb.store.out_of_memory import HINT, is_out_of_memory
+from kb.store.exhausted import HINT, as_disk_full, is_out_of_memory
 
 INTERRUPTED = 3
 UNWRITABLE = "name a --data that you may write to, or change who may"

@@ -28,7 +28,7 @@ from kb.reddit.crawl.subreddit import INFO
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.latest_state import LatestState, latest_state
 from kb.reddit.source import Reddit
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.state.frontier import ROUND, Frontier, Item, going_on
 from kb.store.tables import database, parquet, reading
 

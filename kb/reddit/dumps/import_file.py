@@ -31,7 +31,7 @@ from kb.reddit.parse.answer_tree import PURGED
 from kb.reddit.parse.removal import LATEST, retrieved
 from kb.reddit.parse.remove_ids import without
 from kb.schema.decode import holdable
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import SEGMENT_BYTES, SUFFIX, Envelope, Request
 from kb.store.state import tombstones

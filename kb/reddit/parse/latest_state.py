@@ -18,7 +18,7 @@ from kb.core.config.profile.collecting import Links, RedditSection
 from kb.core.context import Run
 from kb.core.engine import executor_of, map_in_order
 from kb.reddit.parse import answers as parse
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import partition

@@ -35,7 +35,7 @@ from kb.reddit.parse import answers as parse
 from kb.reddit.parse.answer_tree import depths
 from kb.reddit.parse.assemble import assemble, newest_of, with_counts
 from kb.schema.tables import Table
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.rawlog import rawlog
 from kb.store.tables.columns import aligned, newest, put
 from kb.store.tables.partition import Shuffle

@@ -21,7 +21,7 @@ from kb.core.errors import KbError
 from kb.core.licences import KNOWN, licence
 from kb.core.sources import PUBLISHED, exported_by
 from kb.release.folders import DEPOSIT, REQUIRED, is_made, strays
-from kb.release.gate import GateProblem, damaged, personal, rows, secrets, tables
+from kb.release.gate import GateProblem, damaged, personal, secrets, tables
 from kb.release.gate.tables import numbered
 from kb.release.metadata.measure import folder_licence, licences
 from kb.release.metadata.zenodo import Document
@@ -140,7 +140,7 @@ def check(run: Run, folders: list[ReleaseFolder]) -> list[GateProblem]:
         problems += check_layout(folder)
         of_tables, readable = tables.check(folder)
         problems += of_tables
-        problems += rows.check(run, folder, readable)
+        problems += tables.check_rows(run, folder, readable)
         problems += check_sums(folder, folder.data)
         if len(readable) == len(folder.parts):
             problems += check_archives(folder)

@@ -22,6 +22,7 @@ from kb.core.installation import install_extra, lock_digest, software_address
 from kb.core.licences import licence
 from kb.core.source import Source
 from kb.core.sources import PUBLISHED
+from kb.core.summary import remaining
 from kb.release import provenance
 from kb.release.metadata.measure import Facts, TableFacts
 from kb.release.metadata.templates import about, language, md, name, notes, render
@@ -57,16 +58,10 @@ def _funnel(facts: Facts, source: Source) -> list[tuple[str, int]]:
         dropped[stage] = dropped.get(stage, 0) + n
     left = sum(one.rows for one in facts.tables if one.table.short in source.tables)
     left += sum(dropped.values()) + facts.failed + facts.pending
-    steps = [("crawled", left)]
-    for stage in source.stages:
-        if stage in dropped:
-            left -= dropped[stage]
-            steps.append((f"after {stage}", left))
-    for verdict, n in (("failed", facts.failed), ("pending", facts.pending)):
-        if n:
-            left -= n
-            steps.append((f"without {n:,} {verdict}", left))
-    return steps
+    stages = [(f"after {one}", dropped[one]) for one in source.stages if one in dropped]
+    ends = (("failed", facts.failed), ("pending", facts.pending))
+    stages += [(f"without {n:,} {end}", n) for end, n in ends if n]
+    return [(step, left) for step, left, _ in remaining(left, stages)]
 
 
 def _bars(steps: list[tuple[str, int]]) -> list[tuple[str, int, str]]:

@@ -11,7 +11,7 @@ from duckdb import DuckDBPyConnection
 from kb.artifacts import manifest
 from kb.artifacts.measures import pair_figures, read_measures
 from kb.artifacts.release_folder import ReleaseFolder
-from kb.core.summary.intervals import interval_text
+from kb.core.summary import interval_text
 from kb.store.layout import Layout
 
 _SHOWN = 5  # other languages that are named
@@ -148,12 +148,12 @@ def _area(auc: dict[str, Any]) -> str:
 
 def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> tuple[str, ...]:
     """What people said of tasks, and what became of it; of a root without pairs only the latter."""
-    said = tuple(judgements(read_measures(Layout(root).pairs), "task"))
+    sentences = tuple(judgements(read_measures(Layout(root).pairs), "task"))
     made = manifest.read(root, "tasks")
     figures = made.figures if made is not None else {}
     rejected = figures.get("rejected", {}).get("judged", 0)
     if not (figures.get("judged") or rejected):
-        return said
+        return sentences
     judged, every = figures["judged"] + rejected, figures["tasks"] + rejected
     curation = (
         f"Curation: people judged {judged:,} of {every:,} mined tasks. Left out, as more said"
@@ -161,7 +161,7 @@ def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
         f" (`prompt_mined` has the title's): {figures['reworded']:,}. Times that they gave replace"
         " the mined ones."
     )
-    return (*(said if len(said) > 1 else ()), curation)
+    return (*(sentences if len(sentences) > 1 else ()), curation)
 
 
 def judgements(measures: Mapping[str, Any], kind: str) -> Iterator[str]:

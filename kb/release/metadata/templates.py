@@ -187,7 +187,7 @@ def about(profile: Profile, facts: Facts, show: Callable[[str], str] = line) -> 
     neutral = msgspec.convert(_rendered(_sentences(facts.source), values), About)
     ways = [
         msgspec.convert(
-            _rendered(_sentences(one.source)["ways"][one.name], values | _said(one)), AboutWay
+            _rendered(_sentences(one.source)["ways"][one.name], values | _rows_of(one)), AboutWay
         )
         for one in facts.ways
     ]
@@ -209,7 +209,7 @@ def _of(ways: Iterable[AboutWay], name: str) -> list[str]:
     return list(dict.fromkeys(sentence for one in ways for sentence in getattr(one, name)))
 
 
-def _said(way: Way) -> dict[str, Any]:
+def _rows_of(way: Way) -> dict[str, Any]:
     """What the sentences of a way may name: `rows` that came so, and when they were `read`."""
     parts = [
         f"all {total:,} {table}" if n == total else f"{n:,} of {total:,} {table} ({n / total:.1%})"
@@ -237,7 +237,9 @@ def _rendered(sentences: Mapping[str, Any], values: Mapping[str, Any]) -> dict[s
         return line(_compiled(text).render(values))
 
     return {
-        name: fill(text) if isinstance(text, str) else [said for one in text if (said := fill(one))]
+        name: fill(text)
+        if isinstance(text, str)
+        else [filled for one in text if (filled := fill(one))]
         for name, text in sentences.items()
         if name != "ways"
     }

@@ -104,17 +104,17 @@ class Commit:
     def below(self, folder: str, *, recursive: bool) -> dict[str, StoredFile | None]:
         """What lies in a folder, by path; None is a folder. Empty where there is none."""
         start = f"{folder}/" if folder else ""
-        found: dict[str, StoredFile | None] = {}
+        there: dict[str, StoredFile | None] = {}
         for path, file in sorted(self.files.items()):
             if not path.startswith(start):
                 continue
             inner = path[len(start) :].split("/")
             depths = range(1, len(inner)) if recursive else range(1, min(2, len(inner)))
             for depth in depths:
-                found[start + "/".join(inner[:depth])] = None
+                there[start + "/".join(inner[:depth])] = None
             if recursive or len(inner) == 1:
-                found[path] = file
-        return found
+                there[path] = file
+        return there
 
 
 class Repository:
@@ -236,11 +236,11 @@ def refs(one: Repository) -> dict[str, Any]:
 
 def tree(commit: Commit, folder: str, request: Request) -> Response:
     """A page of a folder, with a link to the next one."""
-    found = commit.below(folder, recursive=request.args.get("recursive", "").lower() == "true")
-    if folder and not found:
+    there = commit.below(folder, recursive=request.args.get("recursive", "").lower() == "true")
+    if folder and not there:
         raise HubError(404, f"{folder} does not exist on this revision.", "EntryNotFound")
     expanded = request.args.get("expand", "").lower() == "true"
-    entries = [entry(path, file, commit, expanded=expanded) for path, file in found.items()]
+    entries = [entry(path, file, commit, expanded=expanded) for path, file in there.items()]
     size = request.args.get("limit", TREE_PAGE, int)
     start = request.args.get("cursor", 0, int)
     answer = as_json(entries[start : start + size])

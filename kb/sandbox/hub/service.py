@@ -211,8 +211,8 @@ class HubService:
             paths = request.form.getlist("paths")
             expanded = request.form.get("expand", "").lower() == "true"
         known = commit.below("", recursive=True)
-        found = [path.strip("/") for path in paths if path.strip("/") in known]
-        return as_json([entry(path, known[path], commit, expanded=expanded) for path in found])
+        there = [path.strip("/") for path in paths if path.strip("/") in known]
+        return as_json([entry(path, known[path], commit, expanded=expanded) for path in there])
 
     # -- uploads -----------------------------------------------------------------------------------
 

@@ -78,10 +78,10 @@ class Mentions:
                 starts.append(start_s)
                 raw += text.encode() + b" "
             raw += bytes([WALL]) + b" "
-        found = self._matcher.find(bytes(raw))
+        hits = self._matcher.find(bytes(raw))
         # The last word that begins at a match or before it, as a word may have a hyphen in it.
-        words = np.searchsorted(places, found.start, "right") - 1
-        for phrase, word in zip(found.phrase.tolist(), words.tolist(), strict=True):
+        words = np.searchsorted(places, hits.start, "right") - 1
+        for phrase, word in zip(hits.phrase.tolist(), words.tolist(), strict=True):
             keyword = self._keywords.every[self._keywords.of[phrase]]
             yield keyword.name, starts[word]
 

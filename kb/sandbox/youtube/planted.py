@@ -201,22 +201,22 @@ def passages(talk: Sequence[Sentence]) -> list[tuple[str, float, float, str]]:
     """What is planted in a talk: label, start and end in s, text. Sentences of one language that
     follow each other are one passage.
     """
-    found = []
+    planted = []
     for label, group in groupby(talk, key=lambda one: one.planted):
         if label:
             those = list(group)
             ends = round(those[-1].start + those[-1].seconds, 3)
-            found.append((label, those[0].start, ends, " ".join(one.text for one in those)))
-    return found
+            planted.append((label, those[0].start, ends, " ".join(one.text for one in those)))
+    return planted
 
 
 def truth_of(
-    planted: Planted, found: Iterable[tuple[Video, list[Sentence], list[Mishearing], float]]
+    planted: Planted, videos: Iterable[tuple[Video, list[Sentence], list[Mishearing], float]]
 ) -> dict[str, Any]:
     """The truth as plain values, from each video's talk, mishearings and shift."""
     errors, shifts, recurring, languages = [], [], [], []
     tasks: list[dict[str, Any]] = []
-    for video, talk, missed, shift in found:
+    for video, talk, missed, shift in videos:
         about = {"video_id": video.id}
         if video.task and video.case.stage is None:
             tasks.append(about | {"prompt": video.task, "start_s": video.task_start})

@@ -24,7 +24,7 @@ from kb.core.errors import DamagedData
 from kb.net import redact
 from kb.schema.decode import holdable
 from kb.store.atomic import append, sync_folder
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import Layout
 
 SUFFIX = ".ndjson.zst"

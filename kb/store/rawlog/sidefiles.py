@@ -16,7 +16,7 @@ from pathlib import Path
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS
 from kb.store.atomic import append, sync_folder, write_bytes
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.tables.checksums import digest, listed, parsed
 

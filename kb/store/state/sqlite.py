@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import DamagedData, FatalError
-from kb.store.full_disk import as_disk_full, disk_full
+from kb.store.exhausted import as_disk_full, disk_full
 
 REBUILT = "move it away; the next run rebuilds it from the raw data"
 _FULL = {

@@ -18,8 +18,8 @@ import pyarrow as pa
 from kb.core.errors import DamagedData
 from kb.schema.tables import table, tables
 from kb.store.damage import unreadable
+from kb.store.exhausted import is_out_of_memory
 from kb.store.layout import Layout
-from kb.store.out_of_memory import is_out_of_memory
 from kb.store.state import json_files
 from kb.store.state.frontier import Frontier
 from kb.store.tables import parquet

@@ -22,7 +22,7 @@ from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.crawl.connector import Answer
 from kb.net import retry
 from kb.store.atomic import replacing_folder
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state.frontier import Frontier, Item

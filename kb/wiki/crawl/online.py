@@ -7,7 +7,6 @@ nothing is loaded.
 
 import contextlib
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
 
 from kb.core import terminal
 from kb.core.config.profile.base import NOTE, OnlineAnswer, QuestionCost
@@ -88,14 +87,6 @@ return arguments[1].map(([selector, around]) => {
 """
 
 
-class SelectorMatches(NamedTuple):
-    """`matches` in all pages together; None when the browser rejects the selector."""
-
-    key: str  # as in `wiki.markup.slot`
-    selector: str
-    matches: int | None
-
-
 def selectors_of(markup: Markup) -> dict[str, str]:
     """The selectors of a profile by their keys below `wiki.markup`."""
     names = [name for name in Markup.model_fields if name not in _NO_SELECTORS]
@@ -104,8 +95,10 @@ def selectors_of(markup: Markup) -> dict[str, str]:
     }
 
 
-def count_matches(markup: Markup, pages: Iterable[str]) -> list[SelectorMatches]:
-    """How often each selector matches in pages given as HTML. Raises MissingExtra, Retryable."""
+def count_matches(markup: Markup, pages: Iterable[str]) -> dict[str, int | None]:
+    """How often each selector (by its key, as `wiki.markup.slot`) matches in pages given as HTML;
+    None when the browser rejects it. Raises MissingExtra, Retryable.
+    """
     named = selectors_of(markup)
     asked = [[selector, named.get(_INSIDE.get(key, ""))] for key, selector in named.items()]
     with contextlib.ExitStack() as stack:
@@ -120,7 +113,7 @@ def count_matches(markup: Markup, pages: Iterable[str]) -> list[SelectorMatches]
         stack.callback(browser.end)
         counts = [browser.script(_COUNT, html, asked) for html in pages]
     each = zip(*counts, strict=True) if counts else [(0,)] * len(asked)
-    return [
-        SelectorMatches(f"wiki.markup.{key}", selector, None if None in matches else sum(matches))
-        for (key, selector), matches in zip(named.items(), each, strict=True)
-    ]
+    return {
+        f"wiki.markup.{key}": None if None in matches else sum(matches)
+        for key, matches in zip(named, each, strict=True)
+    }

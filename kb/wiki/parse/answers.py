@@ -7,12 +7,13 @@ checked first (`problem`), and a page absent from the answer is "unanswered", ne
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Generic, NamedTuple, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 from urllib.parse import unquote
 
 import msgspec
 from msgspec import UNSET, UnsetType
 
+from kb.schema.wiki_page import PageNames
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 
@@ -116,32 +117,28 @@ def renamed(query: dict[str, Any]) -> dict[str, str]:
     return targets | {name: targets.get(title, title) for name, title in names.items()}
 
 
-class NamedPage(NamedTuple):
-    """A page: `prefix` is its namespace's name ("Cookbook"), empty for articles."""
-
-    title: str
-    prefix: str
-    redirects: tuple[str, ...]
-    categories: tuple[str, ...]
-
-
-def named_pages(root: Path) -> list[NamedPage]:
-    """Every page of the wiki but its front page, by title; the newest answer wins.
+def named_pages(root: Path) -> dict[str, PageNames]:
+    """Every page of the wiki but its front page, in order of the title with its namespace, which is
+    the key; the newest answer wins.
 
     Purged pages and those that are gone are left out. Raises DamagedData.
     """
     spaces, front = _site(root)
     removed = tombstones.keys(root, "wiki")
-    newest: dict[str, tuple[str, NamedPage | None]] = {}
+    newest: dict[str, tuple[str, str, PageNames | None]] = {}
     for envelope in rawlog.read(root, "wiki", "pages"):
         query = (envelope.response or {}).get("query") or {}
         for page in query.get("pages", []):
             key, at = str(page.get("pageid", page.get("title"))), envelope.fetched_at or ""
-            if at >= newest.get(key, ("", None))[0]:
-                there = state(page) == "there"
-                newest[key] = (at, _named(page, spaces, removed) if there else None)
-    named = [page for key, (_, page) in newest.items() if page is not None and key not in removed]
-    return sorted(page for page in named if page.title not in removed and page.title != front)
+            if at >= newest.get(key, ("",))[0]:
+                called = _names(page, spaces, removed) if state(page) == "there" else None
+                newest[key] = (at, page.get("title", ""), called)
+    named = {
+        title: called
+        for key, (_, title, called) in newest.items()
+        if called is not None and key not in removed
+    }
+    return {title: named[title] for title in sorted(named.keys() - {front, *removed})}
 
 
 def file_names(root: Path) -> list[str]:
@@ -167,12 +164,14 @@ def _site(root: Path) -> tuple[dict[int, str], str]:
     return spaces, front
 
 
-def _named(page: dict[str, Any], spaces: dict[int, str], removed: Collection[str]) -> NamedPage:
-    prefix = spaces.get(page.get("ns", 0), "")
-
-    def titles(name: str) -> tuple[str, ...]:
-        return tuple(sorted(one["title"] for one in page.get(name, []) if "title" in one))
-
-    categories = tuple(title.partition(":")[2] or title for title in titles("categories"))
-    redirects = tuple(title for title in titles("redirects") if title not in removed)
-    return NamedPage(page["title"], prefix, redirects, categories)
+def _names(page: dict[str, Any], spaces: dict[int, str], removed: Collection[str]) -> PageNames:
+    prefix = f"{spaces.get(page.get('ns', 0), '')}:"
+    redirects, categories = (
+        sorted(one["title"] for one in page.get(name, []) if "title" in one)
+        for name in ("redirects", "categories")
+    )
+    return PageNames(
+        page["title"].removeprefix(prefix),
+        tuple(title.removeprefix(prefix) for title in redirects if title not in removed),
+        tuple(title.partition(":")[2] or title for title in categories),
+    )

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import zstandard
 
-from kb.schema.nested_elements import is_outermost
 from kb.schema.tables import table
+from kb.schema.wiki_page import is_outermost
 from kb.store.layout import BELOW, Layout, parquet_files
 from kb.store.rawlog import sidefiles
 from kb.store.tables import parquet

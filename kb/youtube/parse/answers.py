@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import cache
+from itertools import islice
 from typing import Any
 
 import pyarrow as pa
@@ -17,17 +18,16 @@ import pyarrow.compute as pc
 
 from kb.core.errors import FatalError
 from kb.schema.coerce import inner, times
-from kb.schema.decode import ColumnReader, DecodedAnswer, problems
+from kb.schema.decode import AnswerRows, ColumnReader, problems, rows_of
 from kb.schema.tables import table
 from kb.store.rawlog.rawlog import Envelope
 
 FORMAT = 2  # of answers about transcripts; raise it when their form changes
 PO_TOKEN = "po_token"  # outcome: the track can be had only with a proof-of-origin token
 AGAIN = pa.array(["failed", PO_TOKEN])  # outcomes that are tried again
-ROWS = 8_192  # about 50 MB while a batch is made
 
 
-def videos(lines: Iterable[bytes], rows: int = ROWS) -> Iterator[pa.Table]:
+def videos(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """Envelopes of videos.list → one row for each video that was returned or asked for.
 
     Columns: those of youtube/videos that come from the answer, `embed_width`, `embed_height`
@@ -36,8 +36,8 @@ def videos(lines: Iterable[bytes], rows: int = ROWS) -> Iterator[pa.Table]:
     one and counts as such.
     """
     reader = _reader("youtube/videos", "videos")
-    for got, answers in reader.tables(lines, rows):
-        yield from _with_missing(reader, got, answers)
+    for got, answers in reader.tables(lines):
+        yield from _with_missing(got, answers)
 
 
 def videos_of(envelope: Envelope) -> Iterator[pa.Table]:
@@ -46,25 +46,30 @@ def videos_of(envelope: Envelope) -> Iterator[pa.Table]:
     if envelope.status == 200:
         params, response = envelope.request.params, envelope.response
         answer = reader.decoded(envelope.fetched_at, params, envelope.status, response)
-        yield from _with_missing(reader, reader.table([answer]), [answer])
+        yield from _with_missing(reader.table([answer]), rows_of([answer]))
 
 
-def statistics(lines: Iterable[bytes], rows: int = ROWS) -> Iterator[pa.Table]:
+def statistics(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """Envelopes of videos.batchGetStats → `video_id`, the counts and `fetched_at` of each video
     that was returned.
     """
-    for got, _ in _reader("youtube/videos", "statistics", note_absent=False).tables(lines, rows):
+    for got, _ in _reader("youtube/videos", "statistics", note_absent=False).tables(lines):
         yield got.filter(pc.is_valid(got["video_id"])).drop_columns(["problems"])
 
 
-def _with_missing(
-    reader: ColumnReader, got: pa.Table, answers: list[DecodedAnswer]
-) -> Iterator[pa.Table]:
+def _with_missing(got: pa.Table, answers: list[AnswerRows]) -> Iterator[pa.Table]:
     """The rows that have an id, and one for each id that was asked for and not returned."""
+    ids = iter(got["video_id"].to_pylist())
+    absent = [
+        (key, answer)
+        for answer in answers
+        for there in [set(islice(ids, answer.size))]
+        for key in requested(answer.params)
+        if key not in there
+    ]
     got = got.filter(pc.is_valid(got["video_id"]))
     got = got.append_column("missing", pa.repeat(pa.scalar(False), got.num_rows))
     yield got
-    absent = [(key, answer) for answer in answers for key in _not_returned(reader, answer)]
     if absent:
         own = {
             "video_id": pa.array([key for key, _ in absent], pa.string()),
@@ -79,26 +84,24 @@ def _with_missing(
         yield pa.table(columns, schema=got.schema)
 
 
-def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
+def transcripts(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """Outcomes of transcripts → one row each.
 
     Columns: `video_id`, `outcome`, `kind`, `language`, `cues`, `player_width`, `player_height`
     (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`, `problems`, and `final`: false
     for an outcome that is tried again. Raises FatalError for answers of another raw format.
     """
-    for got, answers in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(
-        lines, rows
-    ):
-        for answer in answers:
-            if (number := inner(*answer.records, "format") or 1) != FORMAT and inner(
-                *answer.records, "cues"
-            ):
-                raise FatalError(
-                    f"raw/youtube has transcripts of raw format {number}; this version of"
-                    f" Lorecrawl reads format {FORMAT}",
-                    hint="crawl them again into a new data root",
-                )
-        yield got.append_column("final", is_final(got["outcome"]))
+    for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(lines):
+        form = pc.fill_null(got["format"], 1)
+        other = form.filter(pc.and_(pc.equal(got["outcome"], "ok"), pc.not_equal(form, FORMAT)))
+        for number in other.to_pylist():
+            raise FatalError(
+                f"raw/youtube has transcripts of raw format {number}; this version of"
+                f" Lorecrawl reads format {FORMAT}",
+                hint="crawl them again into a new data root",
+            )
+        final = is_final(got["outcome"])
+        yield got.drop_columns(["format"]).append_column("final", final)
 
 
 def is_final(outcome: Any) -> Any:
@@ -148,14 +151,6 @@ def next_page(response: Any) -> str | None:
 @cache
 def _reader(name: str, kind: str, *, note_absent: bool = True) -> ColumnReader:
     return ColumnReader(table(name), kind, note_absent=note_absent)
-
-
-def _not_returned(reader: ColumnReader, answer: DecodedAnswer) -> list[str]:
-    asked, got = requested(answer.params), reader.values("video_id", answer.records)
-    if asked == got:
-        return []
-    there = {value for value in got if isinstance(value, str)}
-    return [key for key in asked if key not in there]
 
 
 def _items(response: Any) -> list[dict[str, Any]]:

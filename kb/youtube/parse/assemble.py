@@ -29,7 +29,7 @@ from kb.schema.tables import table
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import reading
-from kb.store.tables.columns import aligned, column, lists, newest, put, sums
+from kb.store.tables.columns import aligned, column, lists, newest, put, sums, where
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.view_counting import view_rule
@@ -49,30 +49,29 @@ def checked(
     `cues`: lists of structs with `word_start_s`; `automatic`: which tracks may have word times;
     `words` (int64): the number of words of each cue, all tracks together.
     """
-    flat = pc.list_flatten(cues)
-    track = pc.list_parent_indices(cues)
-    starts = flat.field("word_start_s")
-    starts = pc.if_else(automatic.take(track), starts, pa.scalar(None, starts.type))
-    cue, start = pc.list_parent_indices(starts), pc.list_flatten(starts)
-    reason = pa.nulls(len(flat), pa.string())
-    falling = pc.and_(
-        pc.equal(cue.slice(1), cue.slice(0, max(len(cue) - 1, 0))),
-        pc.less(start.slice(1), start.slice(0, max(len(start) - 1, 0))),
-    )
-    unordered = cue.slice(1).filter(falling)
-    usable = pc.and_kleene(pc.is_finite(start), pc.greater_equal(start, 0))
-    negative = cue.filter(pc.invert(pc.fill_null(usable, False)))
-    rows = pa.array(np.arange(len(flat)))
-    reason = pc.if_else(pc.is_in(rows, value_set=unordered), UNORDERED, reason)
-    reason = pc.if_else(pc.is_in(rows, value_set=negative), NEGATIVE, reason)
-    fits = pc.equal(pc.list_value_length(starts).cast(pa.int64()), words)
-    reason = pc.if_else(pc.fill_null(fits, True), reason, MISMATCH)
-    starts = pc.if_else(pc.is_null(reason), starts, pa.scalar(None, starts.type))
+    starts = pc.list_flatten(cues).field("word_start_s")
+    track = pc.list_parent_indices(cues).to_numpy()
+    sizes = pc.fill_null(pc.list_value_length(starts), -1).to_numpy()
+    times, ends = pc.list_flatten(starts).to_numpy(), np.cumsum(np.maximum(sizes, 0))
+    falls = np.flatnonzero(times[1:] < times[:-1]) + 1
+    unordered = np.searchsorted(ends, falls, "right")
+    unordered = unordered[unordered == np.searchsorted(ends, falls - 1, "right")]
+    negative = np.searchsorted(ends, np.flatnonzero(~(np.isfinite(times) & (times >= 0))), "right")
+    reason = np.zeros(len(starts), np.int8)
+    reason[unordered], reason[negative] = 1, 2
+    said = words.to_numpy()
+    reason[(sizes >= 0) & (sizes != said)] = 3
+    reason[~automatic.to_numpy(zero_copy_only=False)[track] | (sizes < 0)] = 4
+    if ((reason > 0) & (sizes >= 0)).any():
+        starts = pc.if_else(pa.array(reason == 0), starts, pa.scalar(None, starts.type))
     # A track's reason is that of its first cue with words and without word times.
-    without = pc.indices_nonzero(pc.and_(pc.is_null(starts), pc.greater(words, 0)))
-    first = pc.index_in(pa.array(np.arange(len(cues))), value_set=track.take(without))
-    why = pc.fill_null(reason.take(without), ABSENT).take(first)
-    return starts, pc.fill_null(why, COMPLETE)
+    lacking = np.flatnonzero((reason > 0) & (said > 0))
+    tracks, first = np.unique(track[lacking], return_index=True)
+    verdict = np.zeros(len(cues), np.int8)
+    verdict[tracks] = reason[lacking[first]]
+    return starts, pa.array([COMPLETE, UNORDERED, NEGATIVE, MISMATCH, ABSENT]).take(
+        pa.array(verdict)
+    )
 
 
 FROM_FILE = "from_file"  # true for a video that only an imported file tells of
@@ -176,7 +175,8 @@ def assemble(
     language: TrackLanguage = ENGLISH,
     own: Literal["fill", "prefer", "ignore"] = "fill",
 ) -> dict[str, pa.Table]:
-    """Videos joined with what is known of their transcripts, and the transcripts that were had.
+    """Videos joined with what is known of their transcripts, and the outcome of each transcript,
+    of which `with_tracks` makes the table.
 
     `words` counts the words of each text; `language` chooses among imported tracks; `own` says
     whether own transcripts stand where YouTube has none, before YouTube's, or nowhere.
@@ -199,11 +199,8 @@ def assemble(
         before=own == "prefer",
     )
     if videos is None:
-        return {"youtube/transcripts": _tracks(transcripts)}
-    return {
-        "youtube/videos": _joined(videos, transcripts),
-        "youtube/transcripts": _tracks(transcripts),
-    }
+        return {"youtube/transcripts": transcripts}
+    return {"youtube/videos": _joined(videos, transcripts), "youtube/transcripts": transcripts}
 
 
 def unanswered(root: Path) -> Iterator[tuple[str, str]]:
@@ -284,7 +281,7 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
         fields = [(each.name, each.parsed.arrow()) for each in (*names.columns, *names.inputs)]
         fields += [("cue_words", pa.list_(pa.int64())), ("word_count", pa.int64())]
         return pa.schema(fields).empty_table()
-    rows = rows.filter(pc.is_valid(rows["video_id"]))
+    rows = where(rows, pc.is_valid(rows["video_id"]))
     complete = pc.and_(
         pc.and_(pc.is_valid(rows["cues"]), pc.is_valid(rows["kind"])),
         pc.is_valid(rows["language"]),
@@ -324,11 +321,13 @@ def _with_own(
     return pa.concat_tables([service.filter(pc.invert(replaced)).select(both), own.select(both)])
 
 
-def _tracks(transcripts: pa.Table) -> pa.Table:
-    """Tracks that were had. Cues of automatic ones end where the next one starts, and their word
-    times are checked.
+def with_tracks(kept: dict[str, pa.Table]) -> dict[str, pa.Table]:
+    """Kept videos, and of their outcomes the tracks that were had. Cues of automatic ones end where
+    the next one starts, and their word times are checked.
     """
-    transcripts = transcripts.filter(pc.equal(transcripts["outcome"], "ok"))
+    if (outcomes := kept.get("youtube/transcripts")) is None:
+        return kept
+    transcripts = where(outcomes, pc.equal(outcomes["outcome"], "ok"))
     cues = column(transcripts, "cues")
     flat = pc.list_flatten(cues)
     original = pc.fill_null(pc.equal(column(transcripts, "original_kind"), "asr"), False)
@@ -347,7 +346,8 @@ def _tracks(transcripts: pa.Table) -> pa.Table:
         "word_times": pc.if_else(automatic, verdict, pa.scalar(None, pa.string())),
     }
     columns = {name: column(transcripts, name) for name in transcripts.column_names} | own
-    return pa.table({name: columns[name] for name in table("youtube/transcripts").names()})
+    tracks = pa.table({name: columns[name] for name in table("youtube/transcripts").names()})
+    return {**kept, "youtube/transcripts": tracks}
 
 
 def _lengths(cues: pa.Array[Any], flat: Any, automatic: pa.Array[Any]) -> pa.Array[Any]:
@@ -421,7 +421,7 @@ def second_tracks(
     left = pa.array(sorted(ids), pa.string())
     for path in rawlog.segments(root, "youtube", "second_tracks"):
         for rows in parse.transcripts(line for _, line in rawlog.Frames(path)):
-            tracks = assemble({"transcripts": rows}, words)["youtube/transcripts"]
+            tracks = with_tracks(assemble({"transcripts": rows}, words))["youtube/transcripts"]
             tracks = tracks.filter(pc.is_in(tracks["video_id"], value_set=left))
             yield newest(tracks, ("video_id",), ())
             read = tracks["video_id"].combine_chunks()

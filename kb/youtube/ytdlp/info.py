@@ -142,7 +142,6 @@ def walk(folder: Path, others: Collection[str] = ()) -> Iterator[os.DirEntry[str
             continue
 
 
-ROWS = 8_192
 LIVE_CHAT = "live_chat"  # yt-dlp lists it among the subtitles
 # https://developers.google.com/youtube/v3/docs/videoCategories/list; yt-dlp gives names alone.
 _CATEGORIES = {
@@ -263,13 +262,13 @@ def read_at(record: dict[str, Any]) -> datetime | None:
 # -- rows ------------------------------------------------------------------------------------------
 
 
-def rows(lines: Iterable[bytes], most: int = ROWS) -> Iterator[pa.Table]:
+def rows(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """Envelopes of ytdlp_info → one row a video, with the columns of `answers.videos`.
 
     Null is what a file can't tell. Besides: `stream_width`, `stream_height` (px), `stream_fps`,
     `lists_tracks`, `manual_tracks`, `automatic_tracks`.
     """
-    for got, _ in ColumnReader(table("youtube/videos"), "ytdlp_info").tables(lines, most):
+    for got, _ in ColumnReader(table("youtube/videos"), "ytdlp_info").tables(lines):
         yield _as_videos(got.filter(pc.is_valid(got["video_id"])))
 
 

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.languages import one_name
-from kb.schema.coerce import records
+from kb.schema.coerce import json_type, read_json, records
 from kb.schema.decode import ColumnReader, in_batches, problems
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
@@ -224,7 +224,6 @@ def _outcomes(outcomes: list[_Found]) -> pa.Table:
         "kind": [kind and kind.kind for kind in kinds],
         "language": [kind and language_of(kind.language) for kind in kinds],
         "original_kind": [kind and kind.original for kind in kinds],
-        "cues": [one[3] and json.loads(one[3]) for one in outcomes],
         "fetched_at": [one[4] for one in outcomes],
         "final": [True] * len(outcomes),
     }
@@ -233,12 +232,22 @@ def _outcomes(outcomes: list[_Found]) -> pa.Table:
         if name == "problems":
             columns[name] = problems({}, len(outcomes))
         elif name == "cues":
-            kind = table("youtube/transcripts").column(name).parsed
-            columns[name], _ = records(own[name], kind, clean=True)
+            columns[name] = _cues([one[3] for one in outcomes])
         else:
             columns[name] = pa.array(own.get(name, [None] * len(outcomes)), arrow)
     columns[READ_FROM] = pa.array([FILE] * len(outcomes), pa.string())
     return pa.table(columns)
+
+
+def _cues(texts: list[str | None]) -> Any:
+    """Cues of JSON text, as crawled answers have them."""
+    kind = table("youtube/transcripts").column("cues").parsed
+    lines = [b'{"cues":%b}' % (text or "null").encode() for text in texts]
+    shape = json_type(kind, {})
+    read = None if shape is None else read_json(lines, pa.schema([("cues", shape)]))
+    if read is None:
+        return records([json.loads(line)["cues"] for line in lines], kind)[0]
+    return records(read["cues"].combine_chunks(), kind)[0]
 
 
 @cache
@@ -247,4 +256,5 @@ def _types() -> dict[str, Any]:
     reader = ColumnReader(table("youtube/transcripts"), "transcripts", note_absent=False)
     empty = reader.table([])
     types: dict[str, Any] = {field.name: field.type for field in empty.schema}
+    del types["format"]
     return {**types, "final": pa.bool_()}

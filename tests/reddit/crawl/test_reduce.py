@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from kb.core.errors import LimitReached
-from kb.core.progress import Silent
+from kb.core.progress import Progress
 from kb.reddit.crawl.reduce import AGAIN
 from kb.reddit.parse import answers as parse
 from kb.sandbox.reddit.subreddit import CASES
@@ -123,7 +123,7 @@ def test_a_listing_of_a_span_holds_rows_of_that_span_alone(whole: Work) -> None:
 SAYS_NO = {"json": {"errors": [["RATELIMIT", "you are doing that too much", "ratelimit"]]}}
 
 
-class Said(Silent):
+class Said(Progress):
     """Keeps what is said."""
 
     def __init__(self) -> None:

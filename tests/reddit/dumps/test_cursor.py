@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 import pytest
 
 from kb.core.errors import Interrupted, LimitReached
-from kb.core.progress import LineProgress, Silent
+from kb.core.progress import LineProgress, Progress
 from kb.core.signals import stop
 from kb.crawl.purge import purge_answers
 from kb.reddit.crawl.importer import import_dumps
@@ -65,7 +65,9 @@ def test_what_an_earlier_version_left_of_again_goes_with_the_next_command(tmp_pa
     shutil.copy(segment, left)
     unfinished = segment.with_name(f".000009{segment.name[6:]}.part")
     shutil.copy(segment, unfinished)
-    (leftover, other) = sorted(verify(tmp_path, Silent()).of("leftovers"), key=lambda one: one.path)
+    (leftover, other) = sorted(
+        verify(tmp_path, Progress()).of("leftovers"), key=lambda one: one.path
+    )
     assert (leftover.path, other.path) == tuple(sorted((left, unfinished)))
     with lock.writer(tmp_path, "reddit"):
         assert not left.exists()

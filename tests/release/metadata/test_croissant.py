@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import ProfileError
-from kb.core.progress import Silent
+from kb.core.progress import Progress
 from kb.release.build import release
 from kb.schema import tables
 from kb.verify.root import verify
@@ -97,7 +97,7 @@ def test_doi_and_addresses_that_are_known_before_are_in_every_file(tmp_path: Pat
     }
     assert f'doi: "{doi}"' in (folder / "CITATION.cff").read_text()
     assert f"doi = {{{doi}}}" in (folder / "README.md").read_text()
-    assert verify(folder, Silent()).entries == []
+    assert verify(folder, Progress()).entries == []
     mlcroissant = pytest.importorskip("mlcroissant")
     metadata = mlcroissant.Dataset(str(folder / "croissant.json")).metadata
     assert not metadata.ctx.issues.errors

@@ -56,37 +56,30 @@ def test_a_token_that_may_only_read_uploads_nothing_to_what_is_there(
     assert held(hub).head == head
 
 
-@pytest.mark.parametrize(
-    ("path", "fields", "code", "line"),
-    [
-        ("/commit/", {"status": 503}, 3, "kb: the hub answers 503"),
-        (
-            "/commit/",
-            {"status": 400, "body": {"error": f"no {TOKEN}"}},
-            1,
-            "kb: the hub refused (400)",
-        ),
-        ("/commit/", {"status": 412, "body": {"error": "later"}}, 1, f"kb: {REPO} was changed"),
-        (
-            "/commit/",
-            {"status": 429, "headers": {"Retry-After": "3600"}},
-            3,
-            "kb: the hub's limit is spent until 20",
-        ),
-        ("/commit/", {"status": 200, "body": {}}, 1, "kb: the hub at http://127.0.0.1:"),
-        ("/whoami", {"status": 200, "body": "<html>"}, 1, "kb: the hub at http://127.0.0.1:"),
-        ("/repos/create", {"status": 409}, 1, f"kb: the name {REPO} is taken"),
-        ("/batch", {"status": 404}, 1, f"kb: the hub answered 404 for {REPO}"),
-    ],
+FAULTS: tuple[tuple[str, dict[str, object], int, str], ...] = (
+    ("/whoami", {"status": 200, "body": "<html>"}, 1, "kb: the hub at http://127.0.0.1:"),
+    ("/repos/create", {"status": 409}, 1, f"kb: the name {REPO} is taken"),
+    ("/batch", {"status": 404}, 1, f"kb: the hub answered 404 for {REPO}"),
+    ("/commit/", {"status": 503}, 3, "kb: the hub answers 503"),
+    ("/commit/", {"status": 400, "body": {"error": f"no {TOKEN}"}}, 1, "kb: the hub refused (400)"),
+    ("/commit/", {"status": 412, "body": {"error": "later"}}, 1, f"kb: {REPO} was changed"),
+    (
+        "/commit/",
+        {"status": 429, "headers": {"Retry-After": "3600"}},
+        3,
+        "kb: the hub's limit is spent until 20",
+    ),
+    ("/commit/", {"status": 200, "body": {}}, 1, "kb: the hub at http://127.0.0.1:"),
 )
-def test_what_goes_wrong_is_one_line_and_the_same_command_resumes(
-    root: Path, hub: Sandbox, path: str, fields: dict[str, object], code: int, line: str
-) -> None:
-    hub.faults.add(path, **fields)
-    done = publish(hub, root, *PAIRS)
-    assert (done.code, done.said[: len(line)]) == (code, line)
-    assert TOKEN not in done.err + done.out
-    assert "Traceback" not in done.err
+
+
+def test_what_goes_wrong_is_one_line_and_the_same_command_resumes(root: Path, hub: Sandbox) -> None:
+    for path, fields, code, line in FAULTS:
+        hub.faults.add(path, **fields)
+        done = publish(hub, root, *PAIRS)
+        assert (done.code, done.said[: len(line)]) == (code, line)
+        assert TOKEN not in done.err + done.out
+        assert "Traceback" not in done.err
     again = publish(hub, root, *PAIRS)
     assert again.code == 0, again.err
 

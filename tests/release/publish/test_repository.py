@@ -10,12 +10,15 @@ from typing import Any
 
 import pytest
 
+from kb.release.build import release
 from kb.release.publish.repository import joined
 from kb.sandbox.hub.repository import git_blob
 from kb.sandbox.hub.service import STRANGER, TOKEN
 from tests import processes
 from tests.faults import Sandbox
 from tests.inprocess import Done
+from tests.release.conftest import a_run
+from tests.release.made import build
 from tests.release.publish.hub_sending import (
     REPO,
     at_hub,
@@ -37,6 +40,26 @@ TO = ("release", "publish", "--to", "huggingface")
 VIDEO = "vid00000003"
 
 
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three released folders: what a repository does with them, it does with all."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
+        root = build(tmp_path_factory.mktemp("few") / "data", sources=("youtube", "pairs", "tasks"))
+        release(a_run(root))
+    return root
+
+
+@pytest.fixture
+def root(few: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(few, tmp_path / "data"))
+
+
+@pytest.fixture
+def whole(released: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(released, tmp_path / "data"))
+
+
 def tombstone(root: Path, service: Sandbox) -> None:
     """Purge a video and make the release again."""
     ids = root.parent / "ids"
@@ -46,18 +69,18 @@ def tombstone(root: Path, service: Sandbox) -> None:
         assert done.code == 0, done.err
 
 
-def test_every_file_arrives_once_and_the_token_nowhere(root: Path, hub: Sandbox) -> None:
-    first = publish(hub, root, "--repo", REPO, "--json")
-    assert summary(first)["uploaded"] == len(on_disk(root)) + 1  # and the root's card
-    assert at_hub(held(hub)) == on_disk(root)
+def test_every_file_arrives_once_and_the_token_nowhere(whole: Path, hub: Sandbox) -> None:
+    first = publish(hub, whole, "--repo", REPO, "--json")
+    assert summary(first)["uploaded"] == len(on_disk(whole)) + 1  # and the root's card
+    assert at_hub(held(hub)) == on_disk(whole)
     assert not held(hub).private
     assert held(hub).tags["v1.0.0"] == held(hub).head
     before = len(hub.ledger)
-    second = publish(hub, root, "--json")  # the repository is known from here on
+    second = publish(hub, whole, "--json")  # the repository is known from here on
     assert (summary(second)["repository"], summary(second)["uploaded"]) == (REPO, 0)
     assert changes(hub, before) == []
     said = first.out + first.err + second.out + second.err
-    files = [path for path in root.parent.rglob("*") if path.is_file()]
+    files = [path for path in whole.parent.rglob("*") if path.is_file()]
     assert TOKEN not in said
     assert not [path for path in files if TOKEN.encode() in path.read_bytes()]
     assert not [one for one in hub.ledger.requests() if TOKEN in f"{one.path}?{one.query}"]
@@ -198,16 +221,16 @@ print(json.dumps(rows, default=str, sort_keys=True))
 """
 
 
-def test_load_dataset_reads_every_config_back(root: Path, hub: Sandbox) -> None:
+def test_load_dataset_reads_every_config_back(whole: Path, hub: Sandbox) -> None:
     import pyarrow.parquet as pq
 
-    summary(publish(hub, root, "--repo", REPO, "--private", "--json"))
+    summary(publish(hub, whole, "--repo", REPO, "--private", "--json"))
     shards: dict[str, list[Path]] = {}
-    for path in sorted((root / "release").rglob("*.parquet")):
+    for path in sorted((whole / "release").rglob("*.parquet")):
         shards.setdefault(path.name.partition("-")[0], []).append(path)
     reader = subprocess.run(
         [sys.executable, "-c", READ, REPO, *shards],
-        env=environment(hub, root),
+        env=environment(hub, whole),
         text=True,
         capture_output=True,
         check=False,

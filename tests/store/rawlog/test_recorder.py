@@ -47,7 +47,7 @@ from tests.store.rawlog.test_recorder import apply, open_frontier
 from kb.store.rawlog.recorder import Recorder
 root = Path(sys.argv[1])
 frontier = open_frontier(root)
-frontier.add("video", [f"v{n}" for n in range(2000)])
+frontier.add("video", [f"v{n}" for n in range(1000)])
 with Recorder(root, "youtube", frontier, apply) as recorder:
     print("go", flush=True)
     while items := frontier.take("video"):
@@ -58,20 +58,20 @@ with Recorder(root, "youtube", frontier, apply) as recorder:
 
 def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
     rng = random.Random(7)
-    for turn in range(12):
+    for turn in range(6):
         child = processes.program(PROGRAM, tmp_path, Path(__file__).parents[3])
         while child.poll() is None and not child.output()[0]:
             time.sleep(0.002)
-        if turn < 11:
+        if turn < 5:
             time.sleep(rng.uniform(0, 0.15))
             child.send_signal(signal.SIGKILL)
         assert child.wait() in (0, -signal.SIGKILL), child.output()
     frontier = open_frontier(tmp_path)
-    assert frontier.counts("video") == {"done": 2000}
+    assert frontier.counts("video") == {"done": 1000}
     asked = [
         envelope.request.params["id"] for envelope in rawlog.read(tmp_path, "youtube", "videos")
     ]
     # An answer whose frame is whole is never asked for again; one that was in flight at a kill may
     # be twice in the ledger.
-    assert sorted(asked) == sorted(f"v{n}" for n in range(2000))
-    assert 2000 <= frontier.requests()[0] <= 2000 + 11
+    assert sorted(asked) == sorted(f"v{n}" for n in range(1000))
+    assert 1000 <= frontier.requests()[0] <= 1000 + 5

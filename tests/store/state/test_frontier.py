@@ -4,11 +4,11 @@ import sqlite3
 
 import pytest
 
+from kb.artifacts import domain_binding
 from kb.core.errors import DamagedData, OtherService
 from kb.net import redact
 from kb.store.rawlog import rawlog
 from kb.store.state import frontier as module
-from kb.store.state import service_binding
 from kb.store.state.frontier import Frontier
 
 
@@ -117,10 +117,10 @@ def test_a_state_that_cannot_be_read_says_what_to_do(tmp_path):
 
 
 def test_a_root_keeps_to_its_services(tmp_path):
-    service_binding.remember(
+    domain_binding.bind_service(
         tmp_path, "reddit", host="http://127.0.0.1:5000", subreddit="minecraft"
     )
-    service_binding.remember(
+    domain_binding.bind_service(
         tmp_path, "reddit", host="http://127.0.0.1:6000", subreddit="minecraft"
     )
     # What was noted binds from the first answer on (tests/store/test_identity.py).
@@ -130,9 +130,9 @@ def test_a_root_keeps_to_its_services(tmp_path):
     )
     segment.close()
     with pytest.raises(OtherService, match="subreddit minecraft, not terraria"):
-        service_binding.remember(tmp_path, "reddit", subreddit="terraria")
+        domain_binding.bind_service(tmp_path, "reddit", subreddit="terraria")
     with pytest.raises(OtherService, match=r"127\.0\.0\.1, not oauth\.reddit\.com"):
-        service_binding.remember(tmp_path, "reddit", host="https://oauth.reddit.com")
+        domain_binding.bind_service(tmp_path, "reddit", host="https://oauth.reddit.com")
 
 
 def test_a_reason_in_a_services_words_holds_no_secret(tmp_path):

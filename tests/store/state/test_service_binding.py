@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 from kb.artifacts import domain_binding
+from kb.artifacts.domain_binding import bind_service
 from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData, OtherService
 from kb.sandbox.world import World
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
-from kb.store.state.service_binding import remember
 from tests.faults import Sandbox
 from tests.youtube.job import Job
 
@@ -22,26 +22,26 @@ def answered(root: Path) -> None:
 
 
 def test_another_host_is_refused_once_there_is_an_answer(tmp_path: Path) -> None:
-    remember(tmp_path, "wiki", wiki="http://wiki.example:8000/")
+    bind_service(tmp_path, "wiki", wiki="http://wiki.example:8000/")
     answered(tmp_path)
-    remember(tmp_path, "wiki", wiki="http://wiki.example:9000")  # ports aside
+    bind_service(tmp_path, "wiki", wiki="http://wiki.example:9000")  # ports aside
     for _ in range(2):
         with pytest.raises(
             OtherService, match=r"holds wiki data of wiki wiki\.example, not other\.example"
         ) as refused:
-            remember(tmp_path, "wiki", wiki="http://other.example")
+            bind_service(tmp_path, "wiki", wiki="http://other.example")
         assert refused.value.exit_code == 2
 
 
 def test_a_mistyped_host_that_never_answered_is_forgotten(tmp_path: Path) -> None:
-    remember(tmp_path, "wiki", wiki="http://wkii.example")
+    bind_service(tmp_path, "wiki", wiki="http://wkii.example")
     Segment(rawlog.folder(tmp_path, "wiki", "titles"))  # a folder is no answer
     torn = rawlog.folder(tmp_path, "wiki", "titles") / "000001-00000000.ndjson.zst.open"
     torn.write_bytes(b"\x28\xb5")  # nor is one that was cut off
-    remember(tmp_path, "wiki", wiki="http://wiki.example")
+    bind_service(tmp_path, "wiki", wiki="http://wiki.example")
     answered(tmp_path)
     with pytest.raises(OtherService):
-        remember(tmp_path, "wiki", wiki="http://wkii.example")
+        bind_service(tmp_path, "wiki", wiki="http://wkii.example")
 
 
 def test_a_crawl_of_a_dead_address_leaves_room_for_the_right_one(tmp_path: Path) -> None:

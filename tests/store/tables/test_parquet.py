@@ -13,7 +13,7 @@ import pytest
 from kb.artifacts.purge_rows import RowLocation, drop_rows
 from kb.core.errors import DamagedData, KbError
 from kb.export import convokit
-from kb.export import parquet as export
+from kb.export import layouts as export
 from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from kb.report.data import ReportData

@@ -104,7 +104,11 @@ def test_errors_name_the_address(
         remote_folders("ftpx://x")
     with pytest.raises(FatalError, match=r"s3://lore.* can't be read"):
         remote_folders(
-            address, server.options(client_kwargs={"endpoint_url": "http://127.0.0.1:9"})
+            address,
+            server.options(
+                client_kwargs={"endpoint_url": "http://127.0.0.1:9"},
+                config_kwargs={"retries": {"max_attempts": 0}},
+            ),
         )
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_PROFILE"):
         monkeypatch.delenv(name, raising=False)

@@ -26,7 +26,7 @@ from kb.core.errors import (
     SettingError,
     Unreachable,
 )
-from kb.core.progress import Silent
+from kb.core.progress import Progress
 from kb.export import minedojo, wiki_tar
 from kb.filters.filter_run import run_clean
 from kb.sandbox.world import World
@@ -270,7 +270,7 @@ def test_verify_finds_them_and_repair_has_them_again(whole, copied):
     """The crawl asks the service, as its settings are there."""
     root = copied.root
     wiki_tar.export(copied)
-    assert verify(root, Silent()).entries == []
+    assert verify(root, Progress()).entries == []
     shots = sorted(root.glob("raw/wiki/pages/*/*/screenshot.png"))
     pictures = sorted(root.glob("raw/wiki/images/*"))
     segment = next(root.glob("raw/wiki/files/*.zst"))
@@ -279,7 +279,7 @@ def test_verify_finds_them_and_repair_has_them_again(whole, copied):
     for path in (*pictures[:2], segment):
         changed(path)
     pictures[2].unlink()
-    look = verify(root, Silent())
+    look = verify(root, Progress())
     assert {(one.state, one.path) for one in look.entries} == {
         ("missing", shots[1]),
         ("missing", pictures[2]),
@@ -287,7 +287,7 @@ def test_verify_finds_them_and_repair_has_them_again(whole, copied):
     }
     said = load(str(locate("verify"))).repair(copied)[1]
     assert "`kb wiki crawl` was run" in said
-    assert verify(root, Silent()).entries == []
+    assert verify(root, Progress()).entries == []
     assert tables(copied) == whole[2]
 
 

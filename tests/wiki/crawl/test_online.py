@@ -14,8 +14,10 @@ def test_matches_are_counted_over_pages_and_inside_of_what_holds_them(programs):
     grid = '<div class=mcui><span class="invslot"></span></div><span class="invslot"></span>'
     markup = MARKUP.model_copy(update={"quantity": "b:no-such-thing", "root": ".elsewhere"})
     found = {
-        one.key.removeprefix("wiki.markup."): one.matches
-        for one in count_matches(markup, [box + grid, f"<p>{grid}</p>", "<p>nothing"])
+        key.removeprefix("wiki.markup."): matches
+        for key, matches in count_matches(
+            markup, [box + grid, f"<p>{grid}</p>", "<p>nothing"]
+        ).items()
     }
     assert found.keys() == selectors_of(markup).keys()
     names = ("fact", "fact_field", "fact_value", "recipe", "slot", "root", "quantity")

@@ -69,10 +69,10 @@ def test_the_newest_answer_counts_and_what_is_gone_does_not(tmp_path: Path) -> N
     )  # fmt: skip
     removed = [("5", "named"), ("Hidden name", "named")]
     tombstones.add(tmp_path, "wiki", removed)
-    assert answers.named_pages(tmp_path) == [
-        answers.NamedPage("Cookbook:Risotto", "Cookbook", (), ("Rice",)),
-        answers.NamedPage("Kiln", "", ("Oven",), ()),
-    ]
+    assert answers.named_pages(tmp_path) == {
+        "Cookbook:Risotto": ("Risotto", (), ("Rice",)),
+        "Kiln": ("Kiln", ("Oven",), ()),
+    }
 
 
 def test_a_purged_name_leaves_the_pages_that_it_led_to() -> None:

@@ -9,9 +9,10 @@ import pyarrow as pa
 import pytest
 
 from kb.core.errors import DamagedData, FatalError
+from kb.schema import decode
 from kb.store.tables.columns import word_count
 from kb.youtube.parse import answers as parse
-from kb.youtube.parse.assemble import assemble
+from kb.youtube.parse.assemble import assemble, with_tracks
 from tests.filters.made import change_at, cues
 
 GOOD: dict[str, Any] = {
@@ -35,8 +36,8 @@ def line(items: Any, ids: Any = None, status: int = 200) -> bytes:
     ).encode()
 
 
-def rows(*lines: bytes, batch: int = parse.ROWS) -> list[dict[str, Any]]:
-    return [row for table in parse.videos(lines, batch) for row in table.to_pylist()]
+def rows(*lines: bytes) -> list[dict[str, Any]]:
+    return [row for table in parse.videos(lines) for row in table.to_pylist()]
 
 
 def changed(path: str, value: Any) -> dict[str, Any]:
@@ -172,18 +173,20 @@ def test_an_item_without_a_readable_id_counts_as_missing() -> None:
     assert [(row["video_id"], row["missing"]) for row in got] == [("a", True), ("b", True)]
 
 
-def test_batches_are_bounded_and_say_the_same() -> None:
+def test_batches_are_bounded_and_say_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = [
         line(
             [GOOD | {"id": f"{number}-{index}"} for index in range(50)], f"{number}-0,gone{number}"
         )
         for number in range(20)
     ]
-    small = list(parse.videos(lines, 100))
-    assert max(table.num_rows for table in small) <= 149
+    whole = rows(*lines)
+    monkeypatch.setattr(decode, "JSON_BYTES", len(lines[0]) + 1)
+    small = list(parse.videos(lines))
+    assert max(table.num_rows for table in small) == 100
     key = lambda row: row["video_id"]  # noqa: E731
     assert sorted([row for table in small for row in table.to_pylist()], key=key) == sorted(
-        rows(*lines), key=key
+        whole, key=key
     )
     assert len({str(table.schema) for table in small}) == 1
 
@@ -221,7 +224,7 @@ def test_transcripts_of_every_outcome() -> None:
     ]
     table = pa.concat_tables(parse.transcripts(lines))
     # What has no words in it, or can't be read, is no transcript.
-    assert assemble({"transcripts": table}, words=word_count)["youtube/transcripts"][
+    assert with_tracks(assemble({"transcripts": table}, words=word_count))["youtube/transcripts"][
         "video_id"
     ].to_pylist() == ["a"]
     a, b, c, d = table.to_pylist()

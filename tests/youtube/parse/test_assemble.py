@@ -14,7 +14,7 @@ from kb.store.tables import database
 from kb.store.tables.columns import word_count
 from kb.youtube.card import gaps
 from kb.youtube.parse import answers as parse
-from kb.youtube.parse.assemble import assemble, one_row_each, second_tracks
+from kb.youtube.parse.assemble import assemble, one_row_each, second_tracks, with_tracks
 from kb.youtube.parse.view_counting import view_rule
 from tests.filters.made import cues
 from tests.youtube.crawl.test_fetch import CRAWL
@@ -124,7 +124,9 @@ def track(kind: str, *rows: list[object]) -> dict[str, object]:
     envelope = {"fetched_at": "2026-11-20T12:00:00Z", "request": request, "status": 200}
     line = json.dumps({**envelope, "response": answer}).encode()
     table = pa.concat_tables(parse.transcripts([line]))
-    (row,) = assemble({"transcripts": table}, words=word_count)["youtube/transcripts"].to_pylist()
+    (row,) = with_tracks(assemble({"transcripts": table}, words=word_count))[
+        "youtube/transcripts"
+    ].to_pylist()
     return row
 
 

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from pydantic import Field, ValidationError, create_model
 
-from kb.core.config.profile.base import Section, problems
+from kb.core.config.profile.base import Section, problems, read_text
 from kb.core.config.profile.collecting import RedditSection, WikiSection, YouTubeSection
 from kb.core.config.profile.products import ClipFiles, Pairs, Report, Scoring, Tasks, Toxicity
 from kb.core.config.profile.release import Release
-from kb.core.config.text_files import read_text
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, folder
 from kb.core.sources import SOURCES

@@ -1,7 +1,10 @@
 """What the sections of a profile and the checks of a profile share."""
 
 import difflib
+import errno
+import os
 import re
+import stat
 import types
 import typing
 from collections.abc import Iterable
@@ -16,6 +19,7 @@ from kb.core import terminal
 
 # What `kb profile new` writes where only the user knows the value.
 FILL_IN = "FILL-IN"
+_MOST = 10_000_000  # bytes
 
 
 class Section(BaseModel):
@@ -202,3 +206,17 @@ _NAME = re.compile(r"\b(?:you|your[-_.]?\w+|someone)@", re.IGNORECASE)
 def is_placeholder(contact: str) -> bool:
     """Whether it is an example's address (example.org, you@…, FILL-IN, …invalid)."""
     return FILL_IN in contact or bool(_HOST.search(contact) or _NAME.search(contact))
+
+
+def read_text(path: Path) -> str:
+    """The text without an editor's mark at its beginning. A pipe or a device is not waited for, and
+    at most 10 MB are read. Raises OSError, UnicodeDecodeError.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    with os.fdopen(descriptor, "rb") as file:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "it is no file but a pipe, a device or a folder", str(path))
+        data = file.read(_MOST + 1)
+    if len(data) > _MOST:
+        raise OSError(errno.EINVAL, f"it has more than {_MOST:,} bytes", str(path))
+    return data.decode("utf-8-sig")

@@ -26,9 +26,9 @@ from kb.core.config.profile.base import (
     is_everyday,
     is_placeholder,
     problems,
+    read_text,
 )
 from kb.core.config.profile.products import is_list_name
-from kb.core.config.text_files import read_text
 from kb.core.errors import ProfileError
 from kb.core.installation import folder
 from kb.core.licences import KNOWN

@@ -1,20 +1,23 @@
-"""Tells a full disk from any other failure, and says what is free.
+"""Tells a full disk and memory that ran out from any other failure, and says what is free.
 
-Python, Arrow and PyAV report it with an errno, SQLite with codes of its own. NumPy, tantivy, torch,
-tokenizers and DuckDB say only that something failed, each in its own class and words. Where no
-errno says what happened, the file system is asked whether it still takes a file.
+Each is one fact with many errors. Of a full disk Python, Arrow and PyAV tell with an errno, SQLite
+with codes of its own; NumPy, tantivy, torch, tokenizers and DuckDB say only that something failed,
+each in its own class and words. Where no errno says what happened, the file system is asked whether
+it still takes a file. Of memory Python and Arrow's pools tell with MemoryError, the system with an
+errno, DuckDB with an error of its own; torch, ONNX Runtime, the loader of libraries and threads
+that can't start have only a text for it.
 """
 
 import contextlib
 import errno
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import DiskFull, KbError, Stopped
-from kb.store.out_of_memory import is_out_of_memory
 
 FULL_HINT = "free some space and run the same command again"
 _WHY = {
@@ -24,6 +27,45 @@ _WHY = {
 }
 # Bytes: a library may have removed a part of what it wrote before it reports the failure.
 _LEAST_ROOM = 64 << 20
+HINT = "try fewer --workers"
+_TEXTS = (
+    "can't allocate memory",
+    "cannot allocate memory",
+    "can't start new thread",
+    "cannot create thread",
+    "out of memory",
+    "bad_alloc",
+    "bad allocation",
+    "failed to alloc",
+    "malloc of size",
+    "resource temporarily unavailable",
+)
+
+
+def is_out_of_memory(error: BaseException | None) -> bool:
+    """Whether an error, or the one that led to it, means that memory ran out."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return True
+        if isinstance(error, OSError) and error.errno is not None:
+            if error.errno in (errno.ENOMEM, errno.EAGAIN):
+                return True
+        elif _is_generic(error) and any(text in str(error).lower() for text in _TEXTS):
+            return True
+        error = error.__cause__
+    return False
+
+
+def _is_generic(error: BaseException) -> bool:
+    """Whether only the text of an error may tell: what quotes values of the data is of a class that
+    says so.
+    """
+    if isinstance(error, KbError):
+        return False
+    named = (("pyarrow", "ArrowException"), ("duckdb", "OperationalError"))
+    kinds = [getattr(sys.modules.get(name), kind, None) for name, kind in named]
+    kinds += [getattr(sys.modules.get("duckdb"), "InternalError", None)]
+    return isinstance(error, (RuntimeError, ImportError, OSError, *filter(None, kinds)))
 
 
 @contextlib.contextmanager

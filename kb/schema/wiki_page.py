@@ -1,13 +1,22 @@
-"""Nested elements of a page (`wiki/elements`): which texts to take so that each counts once.
+"""What several packages need to know of a wiki page: its names, and which of its nested elements
+(`wiki/elements`) to take so that each text counts once.
 
 A list's text contains the texts of its items, a figure's that of its caption. Elements are given as
 mappings from their id: to the id of the parent, and to the kind.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 _HOLDERS = ("text", "cell", "table")
+
+
+class PageNames(NamedTuple):
+    """What a wiki calls a page: title, redirects and categories, each without its namespace."""
+
+    title: str
+    redirects: Sequence[str] = ()
+    categories: Sequence[str] = ()
 
 
 def ancestors(element: Any, parents: Mapping[Any, Any]) -> Iterator[Any]:

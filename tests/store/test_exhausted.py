@@ -19,7 +19,7 @@ from kb.search import tantivy_index
 from kb.search.passage import Passage
 from kb.store.atomic import replacing_folder, write_bytes, writing
 from kb.store.damage import opening
-from kb.store.full_disk import full_disk_is_resumable
+from kb.store.exhausted import full_disk_is_resumable
 from kb.store.state.frontier import Frontier
 from kb.store.tables import parquet
 from tests.store.full import SmallDisk
