@@ -38,7 +38,6 @@ _LARGEST = (1 << 63) - 1
 _JSON: dict[str, pa.DataType] = {
     "string": pa.string(),
     "integer": pa.int64(),
-    "number": pa.float64(),
     "boolean": pa.bool_(),
 }
 
@@ -193,12 +192,13 @@ def records(values: Values, kind: Type) -> tuple[pa.Array[Any], Bad]:
     Fields are numbers and texts; the last ones may be lists of numbers, which a record may leave
     out. A list of numbers that can't be read is empty, and its record stays.
     """
-    made = _records(values, kind) if isinstance(values, pa.StructArray) else None
-    return _each(values, kind.arrow(), partial(_rows, kind=kind)) if made is None else (made, [])
+    if isinstance(values, pa.Array):
+        return values, []
+    return _each(values, kind.arrow(), partial(_rows, kind=kind))
 
 
-def _records(values: pa.StructArray, kind: Type) -> pa.Array[Any] | None:
-    """None where something is odd."""
+def in_lists(values: pa.StructArray, kind: Type) -> pa.Array[Any] | None:
+    """The same of records that Arrow read; None where something in them is odd."""
     assert kind.item is not None
     fields = kind.item.fields
     sizes = pc.list_value_length(values.field(fields[0][0]))

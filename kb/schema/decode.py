@@ -19,6 +19,7 @@ from kb.schema.coerce import (
     Values,
     WrongShape,
     coerce,
+    in_lists,
     json_type,
     read_json,
     times,
@@ -153,6 +154,11 @@ class ColumnReader:
             if records.null_count:
                 return None
         values = [reduce(_field, self._paths[one.name], records) for one in self.columns]
+        for n, one in enumerate(self.columns):
+            if isinstance(values[n], pa.StructArray):
+                if (lists := in_lists(values[n], one.parsed)) is None:
+                    return None
+                values[n] = lists
         ids = reduce(_field, ("params", "id"), read["request"].combine_chunks()).to_pylist()
         answers = [
             AnswerRows(at, {} if asked is None else {"id": asked}, size)

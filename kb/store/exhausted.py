@@ -37,6 +37,7 @@ _TEXTS = (
     "bad_alloc",
     "bad allocation",
     "failed to alloc",
+    "failed to map segment",
     "malloc of size",
     "resource temporarily unavailable",
 )

@@ -55,7 +55,13 @@ def loader() -> None:
     raise ImportError("x.so: cannot map zero-fill pages: Cannot allocate memory")
 
 
-@pytest.mark.parametrize("use", [python, arrow, engine, system, threads, loader])
+def loader_of_segments() -> None:
+    raise ImportError("x.so: failed to map segment from shared object")
+
+
+@pytest.mark.parametrize(
+    "use", [python, arrow, engine, system, threads, loader, loader_of_segments]
+)
 def test_it_is_one_line_and_no_damage(use: Callable[[], None]) -> None:
     with (
         pytest.raises(Exception) as told,  # noqa: PT011  of any class

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.languages import one_name
-from kb.schema.coerce import json_type, read_json, records
+from kb.schema.coerce import in_lists, json_type, read_json, records
 from kb.schema.decode import ColumnReader, in_batches, problems
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
@@ -245,9 +245,9 @@ def _cues(texts: list[str | None]) -> Any:
     lines = [b'{"cues":%b}' % (text or "null").encode() for text in texts]
     shape = json_type(kind, {})
     read = None if shape is None else read_json(lines, pa.schema([("cues", shape)]))
-    if read is None:
-        return records([json.loads(line)["cues"] for line in lines], kind)[0]
-    return records(read["cues"].combine_chunks(), kind)[0]
+    cues: Any = None if read is None else read["cues"].combine_chunks()
+    made = None if cues is None else in_lists(cues, kind)
+    return records([json.loads(line)["cues"] for line in lines] if made is None else made, kind)[0]
 
 
 @cache
