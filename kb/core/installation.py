@@ -98,12 +98,14 @@ __all__ = ["np", "require", "torch"]
 
 
 class _LatePackage:
-    """Imports the package when an attribute is asked for."""
+    """Imports the package when an attribute is asked for; not for whoever only looks at it."""
 
     def __init__(self, name: str, extra: str) -> None:
         self._name, self._extra = name, extra
 
     def __getattr__(self, attribute: str) -> Any:
+        if attribute.startswith("_"):
+            raise AttributeError(attribute)
         require(self._extra, self._name)
         value = getattr(import_module(self._name), attribute)
         setattr(self, attribute, value)

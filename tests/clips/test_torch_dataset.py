@@ -17,6 +17,7 @@ from kb.clips import build
 from kb.clips.clip_files import CutOptions
 from kb.clips.torch_dataset import ClipDataset
 from kb.core.errors import UsageError
+from kb.core.installation import torch
 from kb.pairs.clip_tokens import token_ids
 from tests.clips.films import film, number_of
 from tests.conftest import needs
@@ -25,13 +26,16 @@ from tests.release.made import build as made
 
 needs("torch", "torchdata")
 
-import torch  # noqa: E402
-from torch.utils.data import DataLoader, IterableDataset  # noqa: E402
-from torchdata.stateful_dataloader import StatefulDataLoader  # noqa: E402
-
 FPS = 8  # times are exact in binary
 VIDEOS = 9  # two pairs each; the last has no film, the one before it a short one
 SMALL: dict[str, Any] = {"frames": 2, "size": (48, 80)}
+
+
+def stateful_loader(dataset: ClipDataset, **options: Any) -> Any:
+    """torchdata's loader. Torch is loaded late: every process collects this file."""
+    from torchdata.stateful_dataloader import StatefulDataLoader
+
+    return StatefulDataLoader(dataset, **options)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +88,7 @@ def _batches(loader: Any) -> Iterator[str]:
 
 def test_clips_have_the_shapes_and_values_that_models_take(root: Path, source) -> None:
     dataset = kb.load(root).clips().torch(**source, **SMALL)
-    assert isinstance(dataset, IterableDataset)
+    assert isinstance(dataset, torch.utils.data.IterableDataset)
     pairs = {row["pair_id"]: row for row in kb.load(root).clips()}
     clips = list(dataset)
     assert len(clips) == 2 * (VIDEOS - 2)
@@ -114,7 +118,7 @@ def test_every_clip_comes_once_over_ranks_and_workers(root: Path, source) -> Non
     counts = []
     for rank in range(3):
         part = kb.load(root).clips().torch(**source, **SMALL, rank=rank, world_size=3)
-        keys = list(_batches(DataLoader(part, batch_size=2, num_workers=2)))
+        keys = list(_batches(torch.utils.data.DataLoader(part, batch_size=2, num_workers=2)))
         assert sorted(keys) == sorted(_keys(part)), "workers change nothing but the order"
         counts.append(len(keys))
         seen.update(keys)
@@ -153,15 +157,15 @@ def test_a_state_resumes_in_the_middle_of_an_epoch(root: Path, source, taken: in
     assert _keys(again) == rest
     assert sorted(_keys(again)) == sorted(before + rest), "the pass after it is whole"
     again.load_state_dict(state)
-    workers = DataLoader(again, batch_size=None, num_workers=2)
+    workers = torch.utils.data.DataLoader(again, batch_size=None, num_workers=2)
     assert sorted(_keys(workers)) == sorted(rest), "nothing twice, nothing lost"
 
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_a_stateful_loader_resumes_with_its_workers(root: Path, source, workers: int) -> None:
-    def loader() -> StatefulDataLoader:
+    def loader() -> Any:
         dataset = kb.load(root).clips().torch(**source, **SMALL)
-        return StatefulDataLoader(dataset, batch_size=3, num_workers=workers)
+        return stateful_loader(dataset, batch_size=3, num_workers=workers)
 
     whole = list(_batches(loader()))
     first = loader()
@@ -178,17 +182,17 @@ def test_a_stateful_loader_of_a_dataset_that_was_read_before_begins_anew(root: P
     dataset = kb.load(root).clips().torch(films, **SMALL)
     before = iter(dataset)
     assert [next(before)["pair_id"] for _ in range(4)]
-    whole = list(_batches(StatefulDataLoader(dataset, batch_size=3, num_workers=2)))
-    first = StatefulDataLoader(dataset, batch_size=3, num_workers=2)
+    whole = list(_batches(stateful_loader(dataset, batch_size=3, num_workers=2)))
+    first = stateful_loader(dataset, batch_size=3, num_workers=2)
     taken = next(iter(first))["pair_id"]
-    second = StatefulDataLoader(dataset, batch_size=3, num_workers=2)
+    second = stateful_loader(dataset, batch_size=3, num_workers=2)
     second.load_state_dict(first.state_dict())
     assert taken + list(_batches(second)) == whole
 
 
 def test_the_state_of_worker_processes_is_never_guessed(root: Path, films: Path) -> None:
     dataset = kb.load(root).clips().torch(films, **SMALL)
-    assert list(DataLoader(dataset, batch_size=None, num_workers=1))
+    assert list(torch.utils.data.DataLoader(dataset, batch_size=None, num_workers=1))
     with pytest.raises(UsageError, match="how far worker processes"):
         dataset.state_dict()
 
@@ -242,6 +246,8 @@ def test_pairs_without_texts_say_how_to_get_them(root: Path, films: Path) -> Non
 def test_a_dataset_goes_to_other_processes(root: Path, films: Path) -> None:
     """With spawn, as on macOS, workers get it pickled."""
     dataset = kb.load(root).clips().torch(films, **SMALL)
-    loader = DataLoader(dataset, batch_size=None, num_workers=1, multiprocessing_context="spawn")
+    loader = torch.utils.data.DataLoader(
+        dataset, batch_size=None, num_workers=1, multiprocessing_context="spawn"
+    )
     assert isinstance(dataset, ClipDataset)
     assert _keys(loader) == _keys(dataset)

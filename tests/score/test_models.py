@@ -2,23 +2,33 @@
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from kb.core.errors import MissingModel
+from kb.core.installation import torch
 from tests.conftest import needs
 
 needs("av", "torch", "transformers")
 
-import torch  # noqa: E402
-from safetensors.torch import save_file  # noqa: E402
-
 from kb.pairs.clip_tokens import token_ids  # noqa: E402
 from kb.score.models import ClipModel  # noqa: E402
-from tests.score.checkpoints import SIDE, MineClip, of_openai, random_clip  # noqa: E402
 
+SIDE = 64  # px of the pictures of the small models
 TEXTS = ["a creeper explodes", "how to build a house", "x" * 400]
+
+
+def checkpoints() -> Any:
+    """The module, loaded late: torch takes seconds, and every process collects this file."""
+    from tests.score import checkpoints
+
+    return checkpoints
+
+
+def openai_weights(*vocabulary: int) -> Any:
+    return checkpoints().of_openai(checkpoints().random_clip(*vocabulary))
 
 
 def images(height: int, width: int, count: int = 3) -> list[np.ndarray]:
@@ -29,13 +39,15 @@ def images(height: int, width: int, count: int = 3) -> list[np.ndarray]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same weights as transformers, OpenAI and open_clip store them."""
     made = tmp_path_factory.mktemp("models")
-    model = random_clip()
+    model = checkpoints().random_clip()
     model.save_pretrained(made / "transformers")
-    weights = of_openai(model)
+    weights = checkpoints().of_openai(model)
     torch.save(weights, made / "openai.pt")
     halves = {name: one.half() if "ln_" not in name else one for name, one in weights.items()}
     torch.save(halves, made / "halves.pt")
     torch.save({"state_dict": {f"module.{k}": v for k, v in weights.items()}}, made / "train.pt")
+    from safetensors.torch import save_file
+
     save_file({name: one.contiguous() for name, one in weights.items()}, made / "o.safetensors")
     return made
 
@@ -43,7 +55,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def expected() -> tuple[np.ndarray, np.ndarray]:
     """What transformers itself makes of frames and texts."""
-    model = random_clip()
+    model = checkpoints().random_clip()
     mean = torch.tensor([0.48145466, 0.4578275, 0.40821073]).view(3, 1, 1)
     std = torch.tensor([0.26862954, 0.26130258, 0.27577711]).view(3, 1, 1)
     pixels = torch.tensor(np.stack(images(SIDE, SIDE))).permute(0, 3, 1, 2) / 255
@@ -75,7 +87,10 @@ def test_the_same_weights_give_the_same_embeddings(
 
 def test_open_clip_says_which_activation_it_has(folder: Path, tmp_path: Path) -> None:
     """Its own models have the exact one, which no weight tells; the file beside them does."""
-    torch.save(of_openai(random_clip()), tmp_path / "open_clip_pytorch_model.bin")
+    torch.save(
+        openai_weights(),
+        tmp_path / "open_clip_pytorch_model.bin",
+    )
     quick = ClipModel(tmp_path / "open_clip_pytorch_model.bin").texts(TEXTS)
     (tmp_path / "open_clip_config.json").write_text('{"model_cfg": {"embed_dim": 64}}')
     exact = ClipModel(tmp_path / "open_clip_pytorch_model.bin").texts(TEXTS)
@@ -83,7 +98,7 @@ def test_open_clip_says_which_activation_it_has(folder: Path, tmp_path: Path) ->
 
 
 def test_mineclip_is_read_as_it_was_published(tmp_path: Path) -> None:
-    made = MineClip()
+    made = checkpoints().MineClip()
     model = ClipModel(made.save(tmp_path / "attn.pth"))
     assert (model.size, model.fit) == ((160, 256), "stretch")
     given = images(160, 256, 16)
@@ -111,12 +126,12 @@ def _pickled(path: Path) -> None:
 
 
 def _cut_off(path: Path) -> None:
-    torch.save(of_openai(random_clip()), path)
+    torch.save(openai_weights(), path)
     path.write_bytes(path.read_bytes()[:10_000])
 
 
 def _lacks_weights(path: Path) -> None:
-    weights = of_openai(random_clip())
+    weights = openai_weights()
     del weights["visual.ln_post.bias"]
     torch.save(weights, path)
 
@@ -129,7 +144,10 @@ def _lacks_weights(path: Path) -> None:
         (_lacks_weights, "post_layernorm.bias"),
         (lambda path: path.write_bytes(b"<html>"), "can be read"),
         (lambda path: torch.save({"layer.weight": torch.ones(3)}, path), "no weights of a known"),
-        (lambda path: torch.save(of_openai(random_clip(300)), path), "knows 300 tokens"),
+        (
+            lambda path: torch.save(openai_weights(300), path),
+            "knows 300 tokens",
+        ),
         (lambda path: torch.save([1, 2], path), "holds no state dict"),
         (
             lambda path: torch.jit.script(torch.nn.Linear(2, 2)).save(str(path)),

@@ -21,16 +21,14 @@ from tests.conftest import needs
 
 needs("av", "torch", "transformers")
 
-import torch  # noqa: E402
-
 import kb  # noqa: E402
 from kb.core.config.profile import load_profile  # noqa: E402
+from kb.core.installation import torch  # noqa: E402
 from kb.sandbox.youtube.films import drawn, timeline, write_film  # noqa: E402
 from kb.score.build import area, section  # noqa: E402
 from kb.score.films import scores_of  # noqa: E402
 from kb.score.models import model_name  # noqa: E402
 from tests.inprocess import Here  # noqa: E402
-from tests.score.checkpoints import of_openai, random_clip  # noqa: E402
 from tests.youtube.ytdlp import folder as ytdlp  # noqa: E402
 
 WORDS = "and you to about it so that than day was up more because not now time once ask"
@@ -132,6 +130,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         track.write_text(ytdlp.json3(lines, automatic=True))
         shown = [(name, float(at)) for at, name in said.items()]
         write_film(place / "films" / f"{key}.mp4", timeline(shown, SECONDS), SECONDS)
+    from tests.score.checkpoints import of_openai, random_clip  # torch takes seconds to load
+
     torch.save(of_openai(random_clip()), place / "small.pt")
     for words in (("youtube", "import", str(place / "given")), ("youtube", "filter"), ("pairs",)):
         done = subprocess.run(command(place, *words), check=False, capture_output=True, text=True)
