@@ -22,6 +22,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from operator import add
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -217,6 +218,16 @@ class _Ending:
         return b"\0"
 
 
+@cache
+def _refusal() -> str:
+    """What zstd says of a zero byte between two frames."""
+    try:
+        zstandard.ZstdDecompressor().stream_reader(b"\0").read(1)
+    except zstandard.ZstdError as error:
+        return str(error)
+    return ""
+
+
 def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
     # glibc keeps freed blocks of up to this size from now on, instead of returning each one.
     bytes(4 * _EXPANDED)
@@ -235,7 +246,7 @@ def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
         if not source.over:
             progress.truncated, progress.problem = True, f"damaged frame: {error}"
             return
-        if "Unknown frame descriptor" in str(error):
+        if str(error) == _refusal():
             return
     progress.truncated, progress.problem = True, "the last frame is cut off"
 
