@@ -190,7 +190,8 @@ def records(values: Values, kind: Type) -> tuple[pa.Array[Any], Bad]:
     lists of structs, null where absent.
 
     Fields are numbers and texts; the last ones may be lists of numbers, which a record may leave
-    out. A list of numbers that can't be read is empty, and its record stays.
+    out. A list of numbers that can't be read is empty, and its record stays. Those that `in_lists`
+    made are such lists already.
     """
     if isinstance(values, pa.Array):
         return values, []
