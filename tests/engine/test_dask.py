@@ -143,6 +143,7 @@ def test_a_worker_that_has_something_else_is_refused(cluster, monkeypatch, what)
 
 
 def test_slots_are_the_clusters_and_workers_lowers_them(cluster):
+    cluster.wait_for_workers(2)  # earlier tests kill some, which Dask starts again
     for most, window in ((None, 4), (8, 4), (1, 1)):
         with make_executor("dask", 1, cluster.scheduler_address, most=most) as executor:
             assert executor.window == window
