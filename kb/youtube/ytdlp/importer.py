@@ -21,6 +21,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, KbError, LimitReached, SettingError
 from kb.core.progress import Task
 from kb.core.summary import Summary
+from kb.crawl.file_text import text_of
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
 from kb.store.damage import SMALL, regular
@@ -30,7 +31,7 @@ from kb.store.state import tombstones
 from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_OWN, RAW_PLAYLISTS, RAW_SUBTITLES, VIDEOS
 from kb.youtube.parse.channels import ChannelFilter
-from kb.youtube.ytdlp import info, lenient, subtitles
+from kb.youtube.ytdlp import info, subtitles
 
 AT_ONCE = 256  # answers that are written and synced together
 AT_ONCE_BYTES = 8 << 20
@@ -401,7 +402,7 @@ def _is_own(entry: os.DirEntry[str]) -> bool:
 
 def _with_cues(form: str, data: bytes) -> str:
     """The text of a file that has cues. Raises ValueError."""
-    text = lenient.text_of(data).removeprefix("\ufeff")
+    text = text_of(data).removeprefix("\ufeff")
     if not subtitles.read(form, text).cues:
         raise ValueError("no cue in it")
     return text

@@ -23,12 +23,12 @@ import pyarrow.compute as pc
 
 from kb.core import clock
 from kb.core.video_names import possible_ids
+from kb.crawl.file_text import json_value, text_of
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
 from kb.youtube.crawl import player
-from kb.youtube.ytdlp import lenient
 
 INFO = ".info.json"
 UNFINISHED, OTHER_FILES, OTHER_SUBTITLES = "unfinished_downloads", "other_files", "other_subtitles"
@@ -185,7 +185,7 @@ def read(data: bytes) -> InfoContents:
 
     Raises ValueError for what is no JSON object, or cut off.
     """
-    record = lenient.json_value(lenient.text_of(data))
+    record = json_value(text_of(data))
     if not isinstance(record, dict):
         raise ValueError("no JSON object")  # noqa: TRY004 (a fact about the file)
     contents = InfoContents([], [])
