@@ -112,17 +112,30 @@ def _in_parquet(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]
         for field in file.schema_arrow
         if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
     ]
-    if not names:
+    with reading([path]):
+        named = _anchored(file, names, wanted)
+    if not named:
         return
     pattern = "|".join(f"(?:{shape})" for shape in wanted.shapes.values()).replace("'", "''")
     hits = ", ".join(
-        f'min("{name}") FILTER (regexp_matches("{name}", \'{pattern}\'))' for name in names
+        f'min("{name}") FILTER (regexp_matches("{name}", \'{pattern}\'))' for name in named
     )
     with reading([path]), database.asking() as con:
         row = con.execute(f"SELECT {hits} FROM {scan([path])}").fetchone() or ()
-    for name, hit in zip(names, row, strict=True):
+    for name, hit in zip(named, row, strict=True):
         if hit is not None:
             yield f"column {name}", next(iter(wanted.within(hit.encode())), "a key")
+
+
+def _anchored(file: pq.ParquetFile, names: list[str], wanted: SecretPatterns) -> list[str]:
+    """The columns that contain a value or the literal part of a shape: mostly none."""
+    found = set[str]()
+    for batch in file.iter_batches(columns=names):
+        for name, column in zip(batch.schema.names, batch.columns, strict=True):
+            text = column.buffers()[2]
+            if name not in found and text and wanted.anything(text.to_pybytes()):
+                found.add(name)
+    return [name for name in names if name in found]
 
 
 def _about(file: pq.ParquetFile) -> bytes:
