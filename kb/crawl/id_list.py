@@ -31,7 +31,7 @@ import msgspec
 import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
-from kb.crawl.list_text import cells, delimiter_of, documents, opened
+from kb.crawl.file_text import cells, delimiter_of, documents, opened
 from kb.schema.decode import in_batches
 from kb.store.tables import parquet
 

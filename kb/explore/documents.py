@@ -24,8 +24,8 @@ from kb.mcp.documents import (
     surroundings,
 )
 from kb.reader import thread as threads
-from kb.reader.open_tables import OpenTables
-from kb.reader.screenshots import stored_png
+from kb.reader.tables import OpenTables
+from kb.reader.wiki_page import stored_png
 from kb.search.passage import plain
 from kb.search.query import question
 from kb.search.tantivy_index import analyzer

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import remaining
@@ -27,39 +27,14 @@ _TOTALS = {  # tables → what is counted in them: SQL, noun
 }
 
 
-class FunnelStep(NamedTuple):
-    """Rows that are left after a stage, and their share of all that were crawled."""
-
-    name: str
-    left: int
-    rejected: int
-    share: float
-
-
-class SourceFunnel(NamedTuple):
-    """A source's steps in order, and its rows by verdict."""
-
-    source: str
-    title: str
-    steps: list[FunnelStep]
-    verdicts: dict[str, int]
-
-
-class OverviewPage(NamedTuple):
-    """`totals` are (number, noun); `about` is what `kb status` knows."""
-
-    totals: list[tuple[str, str]]
-    funnels: list[SourceFunnel]
-    about: Mapping[str, Any]
-
-
-def read(tables: CurrentTables, about: Mapping[str, Any]) -> OverviewPage:
-    """The page as the tables are now. Raises DamagedData."""
+def read(tables: CurrentTables, about: Mapping[str, Any]) -> dict[str, Any]:
+    """The page as the tables are now; `about` is what `kb status` knows. Raises DamagedData."""
     funnels = [made for name in SOURCES if (made := _funnel(tables, name)) is not None]
-    return OverviewPage(_totals(tables), funnels, about)
+    return {"totals": _totals(tables), "funnels": funnels, "about": about}
 
 
 def _totals(tables: CurrentTables) -> list[tuple[str, str]]:
+    """(number, noun) of what the tables hold."""
     counted = {name: of for name, of in _TOTALS.items() if name in tables}
     counts: list[tuple[float | None, str]] = []
     with tables.asked(*counted) as con:
@@ -76,7 +51,8 @@ def _totals(tables: CurrentTables) -> list[tuple[str, str]]:
     return totals
 
 
-def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
+def _funnel(tables: CurrentTables, source: str) -> dict[str, Any] | None:
+    """A source's rows by verdict, and what was left after each stage, in order."""
     of = SOURCES[source]
     kept = sum(tables.count(f"{source}_{table}") for table in of.tables)
     verdicts = {verdict: tables.count(f"{source}_{verdict}") for verdict in VERDICTS}
@@ -93,7 +69,12 @@ def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
     dropped = {stage: rejected[stage] for stage in stages}
     dropped |= {one: verdicts[one] for one in ("failed", "pending") if verdicts[one]}
     steps = [
-        FunnelStep(name, left, n, left / crawled)
+        {"name": name, "left": left, "rejected": n, "share": left / crawled}
         for name, left, n in remaining(crawled, dropped.items())
     ]
-    return SourceFunnel(source, of.title, steps, {"kept": kept, **verdicts})
+    return {
+        "source": source,
+        "title": of.title,
+        "steps": steps,
+        "verdicts": {"kept": kept, **verdicts},
+    }

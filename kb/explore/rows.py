@@ -37,13 +37,6 @@ class Cell(NamedTuple):
     is_number: bool = False
 
 
-class RowOfPage(NamedTuple):
-    """The cells of a row, and the address of its own page."""
-
-    cells: list[Cell]
-    address: str
-
-
 @dataclass(frozen=True)
 class RowsQuery:
     """What the page's address asks for. `table` is for kept rows, `stage` and `reason` for others;
@@ -94,7 +87,7 @@ class RowsPage:
     asked: RowsQuery
     columns: list[tuple[str, str, bool]]
     linked: str
-    rows: list[RowOfPage]
+    rows: list[tuple[list[Cell], str]]
     total: int
     tables: list[str]
     verdicts: list[str]
@@ -202,7 +195,7 @@ def _shown(asked: RowsQuery, rows: list[dict[str, Any]], total: int, *others: An
     ]
     linked = next((name for name in (*_WORDS, *names) if name in names), "")
     shown = [
-        RowOfPage([cells[name][place] for name in names], asked.address_of(row))
+        ([cells[name][place] for name in names], asked.address_of(row))
         for place, row in enumerate(rows)
     ]
     return RowsPage(asked, columns, linked, shown, total, *others)

@@ -22,24 +22,14 @@ _FIELDS = ("words", "source", "kind", "entity", "since", "until", "least")
 
 
 @dataclass(frozen=True)
-class ShownHit:
-    """An answer, the address of its surroundings, and its snippet in pieces: every second one is
-    marked.
-    """
-
-    hit: SearchHit
-    address: str
-    pieces: list[str]
-
-
-@dataclass(frozen=True)
 class SearchPage:
     """What was asked, by the name of its field, and the answers, best first; or why there are none:
-    `problem`, and a `hint` what to do. `more`: there is another page.
+    `problem`, and a `hint` what to do. `more`: there is another page. An answer of `hits` has the
+    address of its surroundings, and its snippet in pieces of which every second one is marked.
     """
 
     asked: dict[str, str]
-    hits: list[ShownHit]
+    hits: list[tuple[SearchHit, str, list[str]]]
     suggestion: str
     problem: str = ""
     hint: str = ""
@@ -105,8 +95,8 @@ def _asked(query: Mapping[str, str]) -> dict[str, str]:
     return {name: query.get(name, "").strip() for name in _FIELDS}
 
 
-def _shown(hit: SearchHit, words: str) -> ShownHit:
+def _shown(hit: SearchHit, words: str) -> tuple[SearchHit, str, list[str]]:
     pieces = hit.snippet.split(MARK)
     if len(pieces) % 2 == 0:  # the text has such a mark of its own
         pieces = [hit.snippet]
-    return ShownHit(hit, f"/document?{urlencode({'ref': ref(hit), 'words': words})}#here", pieces)
+    return hit, f"/document?{urlencode({'ref': ref(hit), 'words': words})}#here", pieces

@@ -61,8 +61,8 @@ class ThresholdFigures:
     won: int
     waiting: list[tuple[int, str]]
     groups: list[tuple[str, int, int]]
-    outside: list[NearRow]
-    inside: list[NearRow]
+    outside: list[dict[str, str]]
+    inside: list[dict[str, str]]
     has_rejected: bool
     is_outdated: bool
 
@@ -247,18 +247,6 @@ def stages_of(tables: CurrentTables, profile: Profile) -> Iterator[StageOfTable]
 
 
 @dataclass(frozen=True)
-class NearRow:
-    """A row near the line. `now` and `then` are its outcomes by the two thresholds."""
-
-    key: str
-    number: str
-    text: str
-    now: str
-    then: str
-    address: str
-
-
-@dataclass(frozen=True)
 class ThresholdRows:
     """The kept rows and those that the stage rejected.
 
@@ -280,8 +268,10 @@ class ThresholdRows:
         at_least = self.stage.threshold.at_least
         return pc.greater_equal(numbers, value) if at_least else pc.less_equal(numbers, value)
 
-    def nearest(self, value: float, *, inside: bool) -> Iterator[NearRow]:
-        """The rows next to the line on one side of it, the nearest first. Raises DamagedData."""
+    def nearest(self, value: float, *, inside: bool) -> Iterator[dict[str, str]]:
+        """The rows next to the line on one side of it, the nearest first: key, number, text,
+        address, and the outcomes `now` and `then` by the two thresholds. Raises DamagedData.
+        """
         mask = pc.equal(self.passes(value), inside)
         numbers = pc.if_else(mask, self.numbers["number"], None)
         order = "ascending" if self.stage.threshold.at_least == inside else "descending"
@@ -298,14 +288,14 @@ class ThresholdRows:
                 key, text = row["key"], row["title"] or row["text"]
             outcome = self.numbers["outcome"][place].as_py()
             is_kept = place < self._size
-            yield NearRow(
-                key.removeprefix(self.stage.chain.prefix),
-                shown(numbers[place].as_py()),
-                (text or "")[:_LONGEST],
-                "kept" if is_kept else "rejected",
-                outcome if inside else "rejected",
-                self._address(key),
-            )
+            yield {
+                "key": key.removeprefix(self.stage.chain.prefix),
+                "number": shown(numbers[place].as_py()),
+                "text": (text or "")[:_LONGEST],
+                "now": "kept" if is_kept else "rejected",
+                "then": outcome if inside else "rejected",
+                "address": self._address(key),
+            }
 
     @property
     def _size(self) -> int:

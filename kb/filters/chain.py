@@ -182,21 +182,22 @@ def _verdicts(
     rows: pa.Table, judged: Judgement, chain: Chain, position: int
 ) -> Iterator[tuple[str, pa.Table]]:
     """The rows that a stage drops, as rows of shared/<verdict>."""
-    stage, nulls = chain.stages[position].stage, pa.nulls(rows.num_rows, pa.string())
+    predicate = chain.stages[position]
     key = pc.binary_join_element_wise(
         chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), ""
     )
+    matched, unmatched = predicate.conditions(rows)
     verdicts = pa.table(
         {
             "key": key,
-            "stage": pa.repeat(stage, rows.num_rows),
+            "stage": pa.repeat(predicate.stage, rows.num_rows),
             "reason": judged.reason,
             "value": judged.value,
             "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), rows.num_rows),
             **_about_threshold(rows, chain, position),
             **_description(rows, chain),
-            "matched": nulls if judged.matched is None else judged.matched,
-            "unmatched": nulls if judged.unmatched is None else judged.unmatched,
+            "matched": matched,
+            "unmatched": unmatched,
         }
     )
     for verdict in VERDICTS:

@@ -25,16 +25,13 @@ class Judgement(NamedTuple):
     """One answer a row. `reason` is null where the row passes.
 
     `value` is text or null, `threshold` the same for every row. `verdict` is what becomes of rows
-    with a reason: "rejected", "pending" or "failed", one for all or one each. `matched` and
-    `unmatched` say of several conditions which held, as text.
+    with a reason: "rejected", "pending" or "failed", one for all or one each.
     """
 
     reason: pa.Array[Any]
     value: pa.Array[Any]
     threshold: str | None = None
     verdict: str | pa.Array[Any] = "rejected"
-    matched: pa.Array[Any] | None = None
-    unmatched: pa.Array[Any] | None = None
 
     def filter(self, mask: pa.Array[Any]) -> Judgement:
         """The answers of some rows."""
@@ -80,6 +77,10 @@ class Predicate(ABC):
     @abstractmethod
     def judge(self, rows: pa.Table) -> Judgement:
         """Which rows don't pass, and why. The rows went through `fill`."""
+
+    def conditions(self, rows: pa.Table) -> tuple[pa.Array[Any], pa.Array[Any]]:
+        """Of rows that don't pass: which of several conditions hold, and which don't, as text."""
+        return nothing(rows), nothing(rows)
 
     def threshold(self) -> Threshold | None:
         """What it compares with what, for a page that tries other limits; None without a limit."""

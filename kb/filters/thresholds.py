@@ -68,14 +68,14 @@ def outcome_of_other_stages(
     """What becomes of rows that the stage at `position` drops, if it let them pass.
 
     "kept", "rejected", "failed", "pending", or UNSCORED where only the score of one of the `texts`
-    is missing. Earlier stages are asked again, because a topic waits for its label only while the
-    row passes the stages of its gate.
+    is missing. The rows passed the earlier stages; of these one with a gate is asked again, because
+    a topic waits for its label only while the row passes the stages of its gate.
     """
     dropped = stages[position].stage
     outcome = pa.nulls(rows.num_rows, pa.string())
     passing: Any = "kept"
     for place, predicate in enumerate(stages):
-        if predicate.stage == dropped:
+        if predicate.stage == dropped or (place < position and not predicate.gate):
             continue
         if predicate.stage == SCORED and not predicate.reads <= set(rows.column_names):
             filled = (pc.greater(pc.binary_length(column(rows, name)), 0) for name in texts)

@@ -133,20 +133,16 @@ class Topic(Predicate):
             value,
             threshold,
             pc.if_else(waiting, pc.if_else(failed, "failed", "pending"), "rejected"),
-            *self._conditions(rows, off),
         )
 
-    def _conditions(
-        self, rows: pa.Table, off: pa.Array[Any]
-    ) -> tuple[pa.Array[Any], pa.Array[Any]]:
-        """Of each row that is `off` the conditions that hold, and those that don't, with what it
-        has instead.
-        """
+    def conditions(self, rows: pa.Table) -> tuple[pa.Array[Any], pa.Array[Any]]:
+        """The label, the category and where a keyword stands, with what the row has."""
         label = pc.coalesce(column(rows, "game_label"), column(rows, "game_label_id"))
         category = text(column(rows, "category_id"))
         named, ours, categorised = self._labels(rows)
         # A candidate that is off has no keyword anywhere: it was looked for.
         candidate = pc.fill_null(pc.and_(pc.invert(named), categorised), False)
+        off = pc.is_null(column(rows, "topic_evidence"))
         places = self._places(rows, pc.and_(off, pc.invert(candidate)))
         keyword = pc.coalesce(
             *(pc.if_else(hit, f"keyword in {name}", None) for name, hit in places.items())

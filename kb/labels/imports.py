@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import msgspec
 import pyarrow as pa
@@ -51,14 +51,16 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
     Raises UsageError for a file that is no export, FatalError without pairs and tasks,
     WriterLocked, DamagedData, DiskFull.
     """
-    given = read_exports(paths)
+    left: Counter[str] = Counter()
+    answers = [row for path in paths for task in _tasks(path) for row in _rows(task, left)]
+    given = pa.Table.from_pylist(answers, table(LABELS).arrow())
     if not any(manifest.rows(run.root, one.table) for one in KINDS.values()):
         raise FatalError(
             "there are no pairs and no tasks", hint="run `kb pairs` or `kb tasks` first"
         )
     with domain_binding.writing(run, "labels", "pairs"), database.connect(run.root) as con:
         old = stored(run.root)
-        con.register("given", given.rows)
+        con.register("given", given)
         con.register("old", old)
         counts = _judge(con, run.root)
         rows = conform(LABELS, con.sql(_NEWEST).to_arrow_table())
@@ -71,11 +73,11 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
             write_measure(run.root, SECTION, section)
     return Summary(
         command="label import",
-        answers=given.rows.num_rows,
+        answers=len(answers),
         added=rows.num_rows - old.num_rows,
         labels=rows.num_rows,
-        skipped=given.skipped,
-        undefined=given.undefined,
+        skipped=left["skipped"],
+        undefined=left["undefined"],
         **counts,
         figures=section,
         path=str(Layout(run.root).labels),
@@ -181,26 +183,6 @@ class _Task(msgspec.Struct):
     annotations: list[_Annotation]
 
 
-class ExportedAnswers(NamedTuple):
-    """Rows of labels, and how many judgements and answers were not taken, by why.
-
-    `skipped`: judgements that were skipped or have no answer; `undefined`: answers to other
-    questions, with other options, or whose end is before their beginning.
-    """
-
-    rows: pa.Table
-    skipped: int
-    undefined: int
-
-
-def read_exports(paths: Sequence[Path]) -> ExportedAnswers:
-    """The answers of all files. Raises UsageError for the first that is no such export."""
-    counts: Counter[str] = Counter()
-    rows = [row for path in paths for task in _tasks(path) for row in _rows(task, counts)]
-    made = pa.Table.from_pylist(rows, table(LABELS).arrow())
-    return ExportedAnswers(made, counts["skipped"], counts["undefined"])
-
-
 def _tasks(path: Path) -> list[_Task]:
     try:
         return msgspec.json.decode(path.read_bytes(), type=list[_Task])
@@ -214,6 +196,10 @@ def _tasks(path: Path) -> list[_Task]:
 
 
 def _rows(task: _Task, counts: Counter[str]) -> Iterator[dict[str, Any]]:
+    """The answers of a task. Counts those that are not taken: `skipped`, judgements that were
+    skipped or have no answer; `undefined`, answers to other questions, with other options, or whose
+    end is before their beginning.
+    """
     asked = {one.name: one for one in KINDS[task.data.kind].questions}
     for annotation in task.annotations:
         result = annotation.result if isinstance(annotation.result, list) else []

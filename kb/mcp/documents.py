@@ -20,8 +20,8 @@ from kb.artifacts import table_catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.mcp.untrusted_text import AnswerPart, Fence
-from kb.reader.open_tables import OpenTables
-from kb.reader.screenshots import Box
+from kb.reader.tables import OpenTables
+from kb.reader.wiki_page import Box
 from kb.store.tables.remote_files import RemoteFolder
 
 _REF = re.compile(rf"({'|'.join(SOURCES)}):([^\s@#/]+)(?:[@#/](.+))?")
@@ -96,7 +96,7 @@ class DocumentPart(NamedTuple):
 
 
 class DocumentScreenshot(NamedTuple):
-    """Where a screenshot is, as kb.reader.screenshots.stored_png takes it; its size, and the
+    """Where a screenshot is, as kb.reader.wiki_page.stored_png takes it; its size, and the
     boxes of what stands at the place, in CSS pixels.
     """
 

@@ -28,8 +28,7 @@ from kb.mcp.search_tool import run_search
 from kb.mcp.untrusted_text import AnswerPart, Fence, cut, fit
 from kb.query.execute import run_isolated
 from kb.query.limits import Limits
-from kb.reader.open_tables import OpenTables
-from kb.reader.tables import TableView
+from kb.reader.tables import OpenTables, TableView
 from kb.search.ranking import Only, day_given
 
 ROWS, MOST_ROWS = 100, 1_000

@@ -15,10 +15,9 @@ pages, `html` what notebooks show.
 
 from kb.reader.clips import Clips
 from kb.reader.data import Data, load
-from kb.reader.screenshots import Box
 from kb.reader.tables import QueryResult, RowSet, Tables, TableView
 from kb.reader.thread import Thread, ThreadComment
-from kb.reader.wiki_page import Boxes, Page
+from kb.reader.wiki_page import Box, Boxes, Page
 
 __all__ = [
     "Box",

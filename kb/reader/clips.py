@@ -19,8 +19,7 @@ from kb.clips.torch_dataset import ClipDataset, torch_dataset
 from kb.core.errors import UsageError
 from kb.core.installation import require
 from kb.core.sources import made_of
-from kb.reader.open_tables import OpenTables
-from kb.reader.tables import QueryResult, TableView, with_hints
+from kb.reader.tables import OpenTables, QueryResult, TableView, with_hints
 
 Folder = str | os.PathLike[str]
 _TRAINED = ("pair_id", "video_id", "keyword", "text", "clip_start_s", "clip_end_s")

@@ -12,8 +12,7 @@ from kb.artifacts import remote_release, table_catalog
 from kb.artifacts.table_catalog import Catalog, View
 from kb.core.errors import UsageError
 from kb.reader import clips, html, thread, wiki_page
-from kb.reader.open_tables import OpenTables
-from kb.reader.tables import QueryResult, Tables, TableView, with_hints
+from kb.reader.tables import OpenTables, QueryResult, Tables, TableView, with_hints
 from kb.search.ranking import Only, day_given
 
 Place = str | os.PathLike[str]

@@ -10,8 +10,7 @@ from kb.core.config.settings import Settings
 from kb.core.context import Run
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
-from kb.reader.open_tables import OpenTables
-from kb.reader.tables import QueryResult
+from kb.reader.tables import OpenTables, QueryResult
 from kb.search.answers import SearchHit, search
 from kb.search.build import ensure
 from kb.search.passage import KINDS

@@ -10,7 +10,7 @@ from typing import Any
 from kb.core import terminal
 from kb.core.errors import UsageError
 from kb.reader import html
-from kb.reader.open_tables import OpenTables
+from kb.reader.tables import OpenTables
 
 _TEXT = 400  # characters of a body in a notebook
 _SHOWN = 100  # comments in a notebook

@@ -12,7 +12,7 @@ from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.rawlog import damaged_answers, rawlog, sidefiles
-from kb.store.state.sqlite import REBUILT
+from kb.store.state.crawl_state import REBUILT
 from kb.store.tables import reading
 from kb.verify.findings import Findings
 

@@ -14,8 +14,8 @@ from kb.mcp.documents import (
     outward,
 )
 from kb.mcp.search_tool import revision
-from kb.reader.open_tables import OpenTables
-from kb.reader.screenshots import Box, box
+from kb.reader.tables import OpenTables
+from kb.reader.wiki_page import Box, box
 from kb.search.passage import plain
 from kb.wiki.passages import grid, link, sections
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from kb.export.text import TextDocument
     from kb.links.texts import TextPart
     from kb.mcp.documents import AgentDocument, SourceLocation
-    from kb.reader.open_tables import OpenTables
+    from kb.reader.tables import OpenTables
     from kb.report.figures import FigureMaker
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier

@@ -2,7 +2,7 @@
 
 from kb.core.errors import UsageError
 from kb.mcp.documents import AgentDocument, DocumentPart, SourceLocation, first_row, outward
-from kb.reader.open_tables import OpenTables
+from kb.reader.tables import OpenTables
 from kb.search.passage import plain
 from kb.youtube.passages import talk
 

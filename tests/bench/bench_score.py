@@ -30,8 +30,7 @@ from kb.core.installation import folder
 from kb.pairs.clip_tokens import token_ids
 from kb.sandbox.domain import usual
 from kb.sandbox.youtube.films import Picture, timeline, write_film
-from kb.score.build import area
-from kb.score.films import Row, scores_of
+from kb.score.build import Row, area, scores_of
 from kb.score.models import BATCH, ClipModel
 from tests.bench.bench_clips import write_moving_film
 from tests.cli.conftest import clean_environment

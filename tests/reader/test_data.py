@@ -10,7 +10,7 @@ import pytest
 import kb
 from kb.artifacts.release_folder import tombstone_lines
 from kb.core.errors import KbError, UsageError
-from kb.reader.screenshots import COLOURS
+from kb.reader.wiki_page import COLOURS
 from kb.store.layout import Layout
 from kb.store.state import tombstones
 from kb.store.tables.shard_writer import write_table

@@ -12,7 +12,7 @@ from PIL import Image
 
 import kb
 from kb.core.errors import DamagedData, MissingExtra
-from kb.reader.screenshots import COLOURS
+from kb.reader.wiki_page import COLOURS
 from kb.store.artifact_registry import SUMS
 
 

@@ -12,8 +12,7 @@ import pytest
 
 import kb
 from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
-from kb.reader.open_tables import OpenTables
-from kb.reader.tables import with_hints
+from kb.reader.tables import OpenTables, with_hints
 from kb.store.artifact_registry import SUMS
 from kb.store.tables.checksums import listed
 from kb.store.tables.shard_writer import write_table

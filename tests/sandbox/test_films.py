@@ -36,7 +36,7 @@ def folder(world: World, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def shows(image: np.ndarray, keyword: str) -> bool:
     """Whether a good part of the picture has the keyword's colour."""
-    apart = np.abs(image.astype(int) - look_of(keyword).colour).max(axis=-1)
+    apart = np.abs(image.astype(int) - look_of(keyword)[0]).max(axis=-1)
     return (apart < 30).sum() > 1_000
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
-from kb.reader import screenshots
+from kb.reader.wiki_page import stored_png
 from kb.store.damage import SMALL, read_small
 from tests.inprocess import Here
 
@@ -139,4 +139,4 @@ def test_a_tar_without_an_index_gives_files_alone(tmp_path: Path, how: str) -> N
         data[:512] = info.tobuf()[:512]
         path.write_bytes(data)
     with pytest.raises(DamagedData, match=r"has no 1\.png"):
-        screenshots.stored_png(tmp_path, f"{path.name}/1.png")
+        stored_png(tmp_path, f"{path.name}/1.png")

@@ -247,7 +247,7 @@ def explore(
     them. Needs the extra `explore`.
     """
     from kb.artifacts.table_catalog import read
-    from kb.cli.commands.status.overview import overview
+    from kb.cli.commands.overview import overview
     from kb.explore.server import serve
 
     warn_stale(run)

@@ -2,7 +2,7 @@
 
 `check(run, folders)` reads what the exports wrote, `check_made(run, folders)` what `kb release`
 added. An empty list opens the gate. Nothing is written here. This module checks the files,
-checksums, archives and licence of a folder; tables, rows, secrets and personal data have their own.
+checksums, archives and licence of a folder; its tables and contents have their own.
 """
 
 import json
@@ -21,7 +21,7 @@ from kb.core.errors import KbError
 from kb.core.licences import KNOWN, licence
 from kb.core.sources import PUBLISHED, exported_by
 from kb.release.folders import DEPOSIT, REQUIRED, is_made, strays
-from kb.release.gate import GateProblem, damaged, personal, secrets, tables
+from kb.release.gate import GateProblem, contents, damaged, tables
 from kb.release.gate.tables import numbered
 from kb.release.metadata.measure import folder_licence, licences
 from kb.release.metadata.zenodo import Document
@@ -145,8 +145,10 @@ def check(run: Run, folders: list[ReleaseFolder]) -> list[GateProblem]:
         if len(readable) == len(folder.parts):
             problems += check_archives(folder)
             problems += _licence(run, folder)
-        problems += secrets.check(folder, run.settings.secret_values())
-        problems += personal.check(replace(folder, parts=tuple(readable)), run.profile.release)
+        problems += contents.check_secrets(folder, run.settings.secret_values())
+        problems += contents.check_personal(
+            replace(folder, parts=tuple(readable)), run.profile.release
+        )
     return problems
 
 
@@ -160,7 +162,7 @@ def check_made(run: Run, folders: list[ReleaseFolder]) -> list[GateProblem]:
             if not (folder.path / name).is_file()
         ]
         problems += check_sums(folder, folder.files(), all_listed=True)
-        problems += secrets.check(folder, run.settings.secret_values())
+        problems += contents.check_secrets(folder, run.settings.secret_values())
         if (folder.path / DEPOSIT).is_file():
             problems += _deposit(folder.path / DEPOSIT, f"{folder.source}/{DEPOSIT}")
     return problems

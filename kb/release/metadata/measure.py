@@ -18,7 +18,7 @@ from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core.context import Run
 from kb.core.licences import KNOWN
 from kb.core.sources import PUBLISHED, SOURCES, made_of
-from kb.release.gate.personal import personal_counts
+from kb.release.gate.contents import personal_counts
 from kb.schema import Column, Table, released_tables
 from kb.schema.tables import tables
 from kb.store.layout import VERDICTS, Layout, parquet_files

@@ -15,7 +15,7 @@ from colorsys import hsv_to_rgb
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from kb.core.installation import np, require
 from kb.pairs.keyword_list import Keyword
@@ -38,13 +38,6 @@ _GREY = 48
 _GROUP = 48  # frames from one key frame to the next
 
 Picture = tuple[str, ...]  # the keywords whose shapes are shown, from left to right
-
-
-class Look(NamedTuple):
-    """How a keyword looks: an RGB colour and the number of a shape."""
-
-    colour: tuple[int, int, int]
-    shape: int
 
 
 def write_films(world: World, folder: Path) -> int:
@@ -86,11 +79,13 @@ class Mentions:
             yield keyword.name, starts[word]
 
 
-def look_of(keyword: str) -> Look:
-    """The look of a keyword: one of 24 hues, bright or dark, and one of five shapes."""
+def look_of(keyword: str) -> tuple[tuple[int, int, int], int]:
+    """The look of a keyword: an RGB colour (one of 24 hues, bright or dark) and the number of one
+    of five shapes.
+    """
     digest = hashlib.sha256(keyword.encode()).digest()
     red, green, blue = hsv_to_rgb(digest[0] % 24 / 24, 0.9, (0.6, 1.0)[digest[1] % 2])
-    return Look((round(255 * red), round(255 * green), round(255 * blue)), digest[2] % 5)
+    return (round(255 * red), round(255 * green), round(255 * blue)), digest[2] % 5
 
 
 def timeline(mentions: Iterable[tuple[str, float]], seconds: int) -> Iterator[tuple[int, Picture]]:

@@ -1,10 +1,19 @@
 """What makes a crawl resumable, in one SQLite file: frontier, cursors, ledger, raw offsets.
 
 One connection guarded by one lock: threads of a crawl share it. Readers (`kb status`) open it
-read-only beside a running crawl (write-ahead log).
+read-only beside a running crawl (write-ahead log). Errors of the file name it and say what to do:
+
+no room           DiskFull: the same command goes on
+not permitted     FatalError: permissions are no damage
+busy              FatalError: another program holds it
+the disk fails    FatalError
+anything else     DamagedData: the file is moved away and made again
 """
 
+from __future__ import annotations
+
 import contextlib
+import os
 import sqlite3
 import threading
 from collections.abc import Iterator
@@ -14,10 +23,18 @@ from typing import Any
 import msgspec
 
 from kb.core import clock
-from kb.core.errors import DamagedData
+from kb.core.errors import DamagedData, FatalError
 from kb.store.atomic import writing
-from kb.store.state import sqlite
+from kb.store.exhausted import as_disk_full, disk_full
 
+REBUILT = "move it away; the next run rebuilds it from the raw data"
+_FULL = {
+    "SQLITE_FULL",
+    "SQLITE_IOERR_WRITE",
+    "SQLITE_IOERR_FSYNC",
+    "SQLITE_IOERR_TRUNCATE",
+    "SQLITE_IOERR_SHMSIZE",
+}
 VERSION = 2
 _CACHE_KIB = 64 << 10
 _TABLES = """
@@ -44,6 +61,59 @@ MERGED = "merged "  # what cursors of other machines' ledgers begin with
 UNREADABLE = (msgspec.DecodeError, TypeError, RecursionError, UnicodeDecodeError)
 
 
+def connect(path: Path, *, readonly: bool = False) -> sqlite3.Connection:
+    """Open or make the file, for several threads under a lock of the caller's own."""
+    if not readonly and not path.exists():
+        # A log without its file belongs to one that was moved away: it would fill the new one.
+        for suffix in ("-wal", "-shm"):
+            path.with_name(path.name + suffix).unlink(missing_ok=True)
+    name = f"{path.absolute().as_uri()}?mode={'ro' if readonly else 'rwc'}"
+    return sqlite3.connect(
+        name, uri=True, check_same_thread=False, timeout=30, isolation_level=None
+    )
+
+
+@contextlib.contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Raise errors of the file at `path` as KbError, as above."""
+    try:
+        yield
+    except sqlite3.DatabaseError as error:
+        raise _as_kb_error(error, path) from error
+
+
+def _as_kb_error(error: sqlite3.DatabaseError, path: Path) -> Exception:
+    """The error of the file at `path` in a user's words; our own mistakes stay what they are."""
+    name = getattr(error, "sqlite_errorname", "")
+    if isinstance(error, (sqlite3.ProgrammingError, sqlite3.IntegrityError)):
+        return error
+    if name in _FULL:
+        return disk_full(path)
+    # Without inodes the file, or one beside it, can't be made.
+    failed = name.startswith(("SQLITE_CANTOPEN", "SQLITE_IOERR")) and not _not_allowed(path)
+    if failed and (full := as_disk_full(error, path)):
+        return full
+    if name.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
+        message = f"the state {path} can't be read: {error}"
+        return FatalError(message, hint="another program uses it: try again in a moment")
+    if name.startswith(("SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_PERM")):
+        why = _not_allowed(path) or str(error)
+        hint = "kb needs permission to read and write it and its folder"
+        return FatalError(f"the state {path} can't be opened: {why}", hint=hint)
+    if name.startswith("SQLITE_IOERR"):
+        message = f"the state {path} can't be read: {error}"
+        return FatalError(message, hint="check the disk, then run the same command again")
+    return DamagedData(f"the state {path} can't be read: {error}", hint=REBUILT)
+
+
+def _not_allowed(path: Path) -> str:
+    if path.is_dir():
+        return "it is a folder"
+    if not os.access(path.parent, os.R_OK | os.W_OK | os.X_OK):
+        return f"no permission in {path.parent}"
+    return "" if not path.exists() or os.access(path, os.R_OK | os.W_OK) else "no permission"
+
+
 class State:
     """The file: its tables and changes, and all of them but the items (kb.store.state.frontier)."""
 
@@ -51,12 +121,12 @@ class State:
         self.path = path
         self._lock = threading.RLock()
         self._depth = 0
-        with sqlite.explained(path):
+        with explained(path):
             if readonly:
-                self._db = sqlite.connect(path, readonly=True)
+                self._db = connect(path, readonly=True)
                 return
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._db = sqlite.connect(path)
+            self._db = connect(path)
             try:
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = FULL")  # on disk when a commit returns
@@ -73,8 +143,8 @@ class State:
 
     @contextlib.contextmanager
     def _access(self) -> Iterator[None]:
-        """One thread at a time. Raises KbError (kb.store.state.sqlite)."""
-        with self._lock, sqlite.explained(self.path):
+        """One thread at a time. Raises KbError (kb.store.state.crawl_state)."""
+        with self._lock, explained(self.path):
             yield
 
     def _prepare(self) -> None:
@@ -140,7 +210,7 @@ class State:
             self._db.execute("ROLLBACK")
 
     def _damaged(self, why: str) -> DamagedData:
-        return DamagedData(f"the state {self.path} can't be read: {why}", hint=sqlite.REBUILT)
+        return DamagedData(f"the state {self.path} can't be read: {why}", hint=REBUILT)
 
     def cursor(self, name: str, default: Any = None, of: Any = None) -> Any:
         """A value that a source keeps (a page token, a round, a date).
@@ -187,7 +257,7 @@ class State:
                 (outcome, int(sent), row),
             )
 
-    def add_ledger(self, other: "State", name: str) -> int:
+    def add_ledger(self, other: State, name: str) -> int:
         """Add another state's ledger, each request once; how many were new.
 
         The cursor MERGED + `name` keeps how far it was read, which of our rows came of it, and

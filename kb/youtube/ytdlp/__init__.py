@@ -2,7 +2,6 @@
 
 importer    folders → raw answers
 info        names of files; what is kept of an info.json, and its rows
-lenient     text and JSON in which one odd value costs that value
 subtitles   .vtt, .srv3, .json3, .srt and JSON of speech recognition → cues
 tracks      which track of a video is its transcript, and of what kind it is
 """

@@ -21,6 +21,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, KbError, LimitReached, SettingError
 from kb.core.progress import Task
 from kb.core.summary import Summary
+from kb.crawl.file_text import text_of
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
 from kb.store.damage import SMALL, regular
@@ -30,7 +31,7 @@ from kb.store.state import tombstones
 from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_OWN, RAW_PLAYLISTS, RAW_SUBTITLES, VIDEOS
 from kb.youtube.parse.channels import ChannelFilter
-from kb.youtube.ytdlp import info, lenient, subtitles
+from kb.youtube.ytdlp import info, subtitles
 
 AT_ONCE = 256  # answers that are written and synced together
 AT_ONCE_BYTES = 8 << 20
@@ -48,20 +49,10 @@ _COUNTED = {
 }
 
 
-class _Params(msgspec.Struct):
-    file: Any = None
-    bytes: Any = None
-    changed: Any = None
-
-
-class _Request(msgspec.Struct):
-    params: _Params
-
-
 class _Head(msgspec.Struct):
     """Of an envelope, which file it was."""
 
-    request: _Request
+    request: Request
 
 
 def import_folders(
@@ -218,20 +209,16 @@ class _Import:
         self, data: bytes, params: dict[str, Any], changed: datetime
     ) -> Iterator[tuple[str, Envelope]]:
         """A playlist's own answer is the last one: only it says that the file was read."""
-        parsed = info.read(data)
-        if not (parsed.videos or parsed.playlists):
+        found, lists = info.read(data)
+        if not (found or lists):
             raise _LeftOut(FOREIGN)
         purged = self._session.purged
         theirs = set[str]()
-        for kind, records in ((RAW_INFO, parsed.videos), (RAW_PLAYLISTS, parsed.playlists)):
+        for kind, records in ((RAW_INFO, found), (RAW_PLAYLISTS, lists)):
             theirs.update(*(self._left_out.theirs(kind, {}, one) for one in records))
-        videos = [
-            one for one in parsed.videos if one["id"] not in purged and one["id"] not in theirs
-        ]
+        videos = [one for one in found if one["id"] not in purged and one["id"] not in theirs]
         playlists = [
-            left[1]
-            for one in parsed.playlists
-            if (left := self._left_out.without(RAW_PLAYLISTS, {}, one))
+            left[1] for one in lists if (left := self._left_out.without(RAW_PLAYLISTS, {}, one))
         ]
         if not (videos or playlists):
             raise _LeftOut(PURGED)
@@ -373,12 +360,13 @@ def _known(root: Path) -> set[bytes]:
         for path in rawlog.segments(root, "youtube", kind):
             for _, line in rawlog.Frames(path):
                 params = decoder.decode(line).request.params
-                if params.file is not None:
-                    known.add(_key(kind == RAW_OWN, params.file, params.bytes, params.changed))
+                if (file := params.get("file")) is not None:
+                    size, changed = params.get("bytes"), params.get("changed")
+                    known.add(_key(kind == RAW_OWN, file, size, changed))
     return known
 
 
-def _key(own: bool, file: str, bytes: int, changed: str) -> bytes:
+def _key(own: bool, file: str, bytes: int | None, changed: str | None) -> bytes:
     """A file may be both yt-dlp's and one's own transcript, as the user says."""
     text = f"{own:d}\0{file}\0{bytes}\0{changed}"
     return hashlib.blake2b(text.encode(), digest_size=12).digest()
@@ -401,7 +389,7 @@ def _is_own(entry: os.DirEntry[str]) -> bool:
 
 def _with_cues(form: str, data: bytes) -> str:
     """The text of a file that has cues. Raises ValueError."""
-    text = lenient.text_of(data).removeprefix("\ufeff")
+    text = text_of(data).removeprefix("\ufeff")
     if not subtitles.read(form, text).cues:
         raise ValueError("no cue in it")
     return text
@@ -411,7 +399,7 @@ def _video_beside(path: Path, stem: str) -> dict[str, Any] | None:
     """The video in the info.json of the same name; None where there is none."""
     try:
         with regular(path.with_name(f"{stem}{info.INFO}")) as file:
-            parsed = info.read(file.read(LARGEST))
+            videos, _ = info.read(file.read(LARGEST))
     except (OSError, ValueError, DamagedData):
         return None
-    return parsed.videos[0] if len(parsed.videos) == 1 else None
+    return videos[0] if len(videos) == 1 else None

@@ -23,12 +23,12 @@ import pyarrow.compute as pc
 
 from kb.core import clock
 from kb.core.video_names import possible_ids
+from kb.crawl.file_text import json_value, text_of
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
 from kb.youtube.crawl import player
-from kb.youtube.ytdlp import lenient
 
 INFO = ".info.json"
 UNFINISHED, OTHER_FILES, OTHER_SUBTITLES = "unfinished_downloads", "other_files", "other_subtitles"
@@ -173,27 +173,24 @@ _LIVE = {
 }
 
 
-class InfoContents(NamedTuple):
-    """What one info.json holds: videos and playlists as raw answers keep them."""
-
-    videos: list[dict[str, Any]]
-    playlists: list[dict[str, Any]]
-
-
-def read(data: bytes) -> InfoContents:
-    """The videos and playlists of YouTube in a file; none in one of another site.
+def read(data: bytes) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """The videos and the playlists of YouTube in a file, as raw answers keep them; none in one of
+    another site.
 
     Raises ValueError for what is no JSON object, or cut off.
     """
-    record = lenient.json_value(lenient.text_of(data))
+    record = json_value(text_of(data))
     if not isinstance(record, dict):
         raise ValueError("no JSON object")  # noqa: TRY004 (a fact about the file)
-    contents = InfoContents([], [])
-    _collect(record, contents)
-    return contents
+    videos: list[dict[str, Any]] = []
+    playlists: list[dict[str, Any]] = []
+    _collect(record, videos, playlists)
+    return videos, playlists
 
 
-def _collect(record: dict[str, Any], into: InfoContents) -> None:
+def _collect(
+    record: dict[str, Any], videos: list[dict[str, Any]], playlists: list[dict[str, Any]]
+) -> None:
     kind = record.get("_type") or "video"
     site = record.get("extractor_key") or record.get("ie_key") or record.get("extractor")
     if site is not None and not str(site).lower().startswith("youtube"):
@@ -204,11 +201,11 @@ def _collect(record: dict[str, Any], into: InfoContents) -> None:
         own = _fields("ytdlp_playlists", "entries[]")
         listed = [_kept(one, own) for one in entries if _is_id(one.get("id"))]
         if isinstance(record.get("id"), str):
-            into.playlists.append({**_kept(record, _fields("ytdlp_playlists")), "entries": listed})
+            playlists.append({**_kept(record, _fields("ytdlp_playlists")), "entries": listed})
         for one in entries:
-            _collect(one, into)
+            _collect(one, videos, playlists)
     elif kind == "video" and _is_id(record.get("id")) and "title" in record:
-        into.videos.append(_video(record))
+        videos.append(_video(record))
 
 
 def _is_id(value: Any) -> bool:

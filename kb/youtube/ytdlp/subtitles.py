@@ -28,7 +28,7 @@ from xml.etree import ElementTree
 
 from kb.core.installation import np
 from kb.core.languages import code_of
-from kb.youtube.ytdlp import lenient
+from kb.crawl.file_text import json_value
 
 _TAG = re.compile(r"</?(?:[A-Za-z][^<>]*)?>|<[\d:.]+>")
 _WORD = re.compile(r"\S+")
@@ -165,7 +165,7 @@ def _seconds(value: Any) -> int:
 
 
 def _json3(text: str) -> tuple[list[_Line], bool]:
-    document = lenient.json_value(text)
+    document = json_value(text)
     events = document.get("events") if isinstance(document, dict) else None
     if not isinstance(events, list):
         raise ValueError("not json3: it has no events")  # noqa: TRY004 (a fact about the file)
@@ -290,7 +290,7 @@ def _in_one(rows: list[_Row]) -> Parts:
 
 
 def _segments(text: str) -> tuple[list[_Line], bool]:
-    document = lenient.json_value(text)
+    document = json_value(text)
     segments = document.get("segments") if isinstance(document, dict) else document
     if not isinstance(segments, list):
         raise ValueError("it has no segments")  # noqa: TRY004 (a fact about the file)
@@ -320,7 +320,7 @@ def _segments(text: str) -> tuple[list[_Line], bool]:
 
 def heard_language(text: str) -> str | None:
     """The language that JSON of speech recognition names; None where it names none."""
-    document = lenient.json_value(text)
+    document = json_value(text)
     top = document if isinstance(document, dict) else {}
     for part in (top, top.get("info"), top.get("result")):
         if isinstance(part, dict) and isinstance(language := part.get("language"), str):

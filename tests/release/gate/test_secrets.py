@@ -6,7 +6,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from kb.release.gate import secrets as scan
+from kb.release.gate.contents import SecretPatterns
 from tests.release.conftest import SECRETS
 from tests.release.gate.refusals import changed, refused, rewritten
 from tests.release.made import build
@@ -79,7 +79,7 @@ def test_secret_in_the_profile_that_the_card_would_show(tmp_path: Path) -> None:
 def test_shapes_of_keys_in_any_file_also_across_pieces(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    monkeypatch.setattr("kb.release.gate.secrets._CHUNK", 5000)
+    monkeypatch.setattr("kb.release.gate.contents._CHUNK", 5000)
     build(tmp_path, sources=("youtube",))
     (tmp_path / "release" / "youtube" / name).write_bytes(
         b"\xff" * 4985 + b" ghp_" + b"a1" * 18 + b" " * 9000
@@ -100,7 +100,7 @@ def test_shapes_of_keys_in_any_file_also_across_pieces(
     ],
 )
 def test_a_secret_that_begins_within_another(held: bytes, what: str | None) -> None:
-    found = list(scan.SecretPatterns(["hunter22"]).within(b"x" * 99 + held + b" "))
+    found = list(SecretPatterns(["hunter22"]).within(b"x" * 99 + held + b" "))
     assert what in found if what else not found
 
 

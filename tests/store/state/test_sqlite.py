@@ -1,4 +1,4 @@
-"""Tests of `kb.store.state.sqlite`."""
+"""Tests of `kb.store.state.crawl_state`."""
 
 import shutil
 import sqlite3

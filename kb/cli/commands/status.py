@@ -28,7 +28,7 @@ def status(options: Options) -> None:
 
     Only reads, and can run during a crawl.
     """
-    from kb.cli.commands.status.overview import overview
+    from kb.cli.commands.overview import overview
 
     about = overview(options.make_run(needs="root", exists=options.data is not None))
     if options.json:

@@ -1,13 +1,22 @@
-"""The text of a list: unpacked, decoded, as JSON documents or as cells."""
+"""The text of files as people have them: lists, which are unpacked, decoded and read as JSON
+documents or as cells, and text and JSON in which one odd value costs that value, never the file.
+"""
+
+from __future__ import annotations
 
 import codecs
 import csv
 import gzip
 import io
 import json
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any, cast
+
+import msgspec
+
+from kb.schema.decode import holdable
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -65,3 +74,29 @@ def cells(lines: Iterable[str], delimiter: str) -> Iterator[list[str]]:
     if delimiter == "\t":
         return csv.reader(lines, delimiter=delimiter, quoting=csv.QUOTE_NONE)
     return csv.reader(lines, delimiter=delimiter or ",")
+
+
+def text_of(data: bytes) -> str:
+    """The text of a file; what can't be decoded is U+FFFD."""
+    return data.decode(encoding_of(data[:4]), errors="replace")
+
+
+def json_value(text: str) -> Any:
+    """A JSON document; null for numbers that are none (NaN, 1e999), U+FFFD for half a character.
+
+    Raises ValueError.
+    """
+    try:
+        return msgspec.json.decode(text)
+    except (msgspec.DecodeError, UnicodeEncodeError, RecursionError):
+        pass
+    try:
+        document = json.loads(text, parse_constant=lambda _: None, parse_float=_finite)
+        return holdable(document)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"not JSON: {error}") from None
+
+
+def _finite(text: str) -> float | None:
+    number = float(text)
+    return number if math.isfinite(number) else None
