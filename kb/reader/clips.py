@@ -13,8 +13,9 @@ import pyarrow.parquet as pq
 from kb import query
 from kb.artifacts.table_catalog import View
 from kb.clips.clip_files import CutOptions
-from kb.clips.clip_sources import ClipDataset, ClipSource, Films, Shards, torch_dataset
+from kb.clips.clip_sources import ClipSource, Films, Shards
 from kb.clips.frames import Fit
+from kb.clips.torch_dataset import ClipDataset, torch_dataset
 from kb.core.errors import UsageError
 from kb.core.installation import require
 from kb.core.sources import made_of

@@ -17,7 +17,8 @@ from PIL import Image
 from torch.utils.data import DataLoader
 
 from kb.clips.clip_files import CutOptions
-from kb.clips.clip_sources import Films, cut, frame_times, torch_dataset
+from kb.clips.clip_sources import Films, cut, frame_times
+from kb.clips.torch_dataset import torch_dataset
 
 pytestmark = pytest.mark.bench
 

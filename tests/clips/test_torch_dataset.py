@@ -15,7 +15,7 @@ import pytest
 import kb
 from kb.clips import build
 from kb.clips.clip_files import CutOptions
-from kb.clips.clip_sources import ClipDataset
+from kb.clips.torch_dataset import ClipDataset
 from kb.core.errors import UsageError
 from kb.core.installation import torch
 from kb.pairs.clip_tokens import token_ids
