@@ -6,7 +6,6 @@ Which videos have both is known from the lists of tracks that came with the tran
 
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -34,11 +33,20 @@ PHASE = Phase(
 )
 
 
+class _Track(msgspec.Struct, gc=False):
+    language: str = ""
+    kind: str = ""
+
+
+class _Player(msgspec.Struct, gc=False):
+    tracks: list[_Track] = []
+
+
 class _Transcript(msgspec.Struct, gc=False):
     video_id: str
     outcome: str
     kind: str | None = None
-    player: dict[str, Any] | None = None
+    player: _Player | None = None
 
 
 class _Answer(msgspec.Struct, gc=False):
@@ -57,8 +65,8 @@ def with_both(run: Run) -> set[str]:
     for answer in _answers(run.root, RAW_TRANSCRIPTS):
         transcript = answer.response
         if transcript.outcome in FINAL:
-            tracks = (transcript.player or {}).get("tracks", [])
-            heard = any(one["kind"] == "asr" and spoken(one["language"]) for one in tracks)
+            tracks = transcript.player.tracks if transcript.player else []
+            heard = any(one.kind == "asr" and spoken(one.language) for one in tracks)
             both[transcript.video_id] = transcript.kind == "manual" and heard
     return {key for key, has_both in both.items() if has_both}
 
