@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 import pyarrow as pa
-import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from kb import query
@@ -19,6 +18,7 @@ from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import View, bare
 from kb.core.cached_property import cached_property
 from kb.core.errors import FatalError, KbError, MissingExtra, UsageError
+from kb.core.installation import ds
 from kb.reader import html
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
