@@ -17,6 +17,9 @@ import pytest
 from kb.core import clock, signals
 from kb.core.config.profile import collecting
 from kb.net import retry
+from kb.sandbox.youtube.captions import SpokenCue
+from kb.sandbox.youtube.cases import Track, Video
+from kb.sandbox.youtube.catalogue import Catalogue
 
 # A slow machine is no defect; the same examples everywhere, so that a failure can be seen again.
 hypothesis.settings.register_profile("lorecrawl", deadline=None, derandomize=True)
@@ -107,10 +110,23 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _at_once() -> Iterator[None]:
-    """Tries follow each other without a wait (Retry-After is still heeded), and pages of wikis,
-    which don't change late, are captured soon.
+    """Tries follow each other without a wait (Retry-After is still heeded), pages of wikis, which
+    don't change late, are captured soon, and what the tracks of equal worlds say is made up once.
     """
+    said: dict[tuple[object, ...], list[SpokenCue]] = {}
+    make_up = Catalogue.cues
+
+    def cues(
+        world: Catalogue, video: Video, track: Track, to: str | None = None
+    ) -> list[SpokenCue]:
+        size = (len(world.channels), len(world.videos))
+        of = (world.domain.speech, world.seed, *size, video.id, track.language, track.kind, to)
+        if of not in said:
+            said[of] = make_up(world, video, track, to)
+        return said[of]
+
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Catalogue, "cues", cues)
         patch.setattr(retry, "FIRST_S", 0.001)
         patch.setattr(collecting, "STILL_S", 0.1)
         yield

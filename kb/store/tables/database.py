@@ -19,7 +19,7 @@ import duckdb
 from kb.store import atomic
 from kb.store.leftovers import SPILL
 
-_FEW = 16 << 20  # bytes of Parquet of which nothing is spilled
+FEW = 16 << 20  # bytes of Parquet of which nothing is spilled
 
 
 def connect(
@@ -62,7 +62,7 @@ def over(
     """A connection for questions about these files that leave no table or view behind: as `asking`
     where they are small, else as `connect`.
     """
-    if sum(path.stat().st_size for path in files) <= _FEW:
+    if sum(path.stat().st_size for path in files) <= FEW:
         return asking()
     return connect(root, memory=memory)
 
