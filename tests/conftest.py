@@ -44,7 +44,6 @@ LONG = (
     "contract/test_build.py",
     "release/publish/test_repository.py",
     "clips/test_training.py",
-    "test_style.py",
     "report/test_build.py",
     "youtube/crawl/test_client.py",
     "contract/test_any_domain.py",

@@ -27,7 +27,6 @@ import kb
 # Commands import these late; none of them starts a thread when it is imported.
 _LATE = (
     "PIL.PngImagePlugin",
-    "distributed",
     "googleapiclient.discovery",
     "httpcore2._api",
     "httpx2",

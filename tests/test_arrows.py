@@ -7,6 +7,7 @@ cli → pipelines → {youtube, wiki, reddit} → crawl and {mcp, reader, links,
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -92,6 +93,11 @@ def room_of(path: Path, root: Path) -> str:
     return parts[1] if len(parts) > 2 else ""
 
 
+@functools.cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
 def imported(tree: ast.AST, path: Path, root: Path = ROOT) -> list[tuple[int, str]]:
     """(line, module) of every import anywhere in the file, relative ones made absolute."""
     package = [*path.relative_to(root).with_suffix("").parts][:-1]
@@ -121,7 +127,7 @@ def against_the_arrows(root: Path) -> list[str]:
         room = room_of(path, root)
         if str(path.relative_to(root)) in SEAM:
             continue
-        for line, module in imported(ast.parse(path.read_text()), path, root):
+        for line, module in imported(parsed(path), path, root):
             place = f"{path.relative_to(root)}:{line}"
             parts = module.split(".")
             if parts[0] == "pipelines":
@@ -185,9 +191,9 @@ def file_imports(root: Path) -> dict[str, set[str]]:
     }
     found: dict[str, set[str]] = {}
     for name, path in modules.items():
-        tree = ast.parse(path.read_text())
+        tree = parsed(path)
         if str(path.relative_to(root)) in SEAM or path.match("kb/*/source.py"):
-            tree.body = _module_level(tree.body)
+            tree = ast.Module(list(_module_level(tree.body)), [])
         named = [module for _, module in imported(tree, path, root)]
         found[name] = {
             module if module in modules else module.rpartition(".")[0] for module in named
@@ -210,7 +216,7 @@ def test_no_file_imports_one_that_imports_it() -> None:
 def test_a_source_imports_nothing_but_its_base_until_it_is_asked(source: str) -> None:
     """Every command reads the classes of all sources."""
     path = SOURCES[source].folder / "source.py"
-    loaded = _module_level(ast.parse(path.read_text()).body)
+    loaded = _module_level(parsed(path).body)
     modules = {module for node in loaded for _, module in imported(node, path)}
     assert not {name for name in modules if re.match(r"kb\.(?!core\.(source|publication))", name)}
 
@@ -226,7 +232,7 @@ def test_heavy_packages_are_imported_inside_functions_only() -> None:
     """Module level imports of optional packages would make a base install unusable."""
     wrong = []
     for path in python_files():
-        for node in _module_level(ast.parse(path.read_text()).body):
+        for node in _module_level(parsed(path).body):
             for line, module in imported(node, path):
                 if module.split(".")[0] in HEAVY:
                     wrong.append(

@@ -1,12 +1,13 @@
 """A table of a release that is read at an address."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import pyarrow.dataset as ds
-
 from kb.artifacts.release_folder import TOMBSTONES, parse_tombstones
 from kb.core.cached_property import cached_property
+from kb.core.installation import ds
 from kb.store.tables.remote_files import RemoteFolder
 
 

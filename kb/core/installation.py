@@ -94,7 +94,7 @@ def folder(name: str) -> Path:
     )
 
 
-__all__ = ["np", "require", "torch"]
+__all__ = ["ds", "np", "require", "torch"]
 
 
 class _LatePackage:
@@ -124,8 +124,10 @@ def require(extra: str, *packages: str) -> None:
 
 if TYPE_CHECKING:
     import numpy as np
+    import pyarrow.dataset as ds
     import torch
 else:
+    ds = _LatePackage("pyarrow.dataset", "")  # which imports pandas where that is installed
     np = _LatePackage("numpy", "")
     torch = _LatePackage("torch", "torch")
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 import duckdb
 import pyarrow as pa
-import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from kb import query
@@ -23,6 +22,7 @@ from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare, check_once
 from kb.core.cached_property import cached_property
 from kb.core.errors import FatalError, KbError, MissingExtra, UsageError
+from kb.core.installation import ds
 from kb.query.remote_duckdb import reading_views
 from kb.reader import html
 from kb.store.tables import parquet

@@ -58,6 +58,10 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+# Shards of either format are read by the same code in the same order.
+EITHER = pytest.mark.parametrize("source", ["films", "webdataset"], indirect=True)
+
+
 @pytest.fixture(scope="module", params=["films", "webdataset", "npz"])
 def source(
     request: pytest.FixtureRequest,
@@ -126,6 +130,7 @@ def test_every_clip_comes_once_over_ranks_and_workers(root: Path, source) -> Non
     assert set(seen.values()) == {1}
 
 
+@EITHER
 def test_seed_and_epoch_give_the_order(root: Path, source) -> None:
     def epochs(seed: int) -> list[list[str]]:
         dataset = kb.load(root).clips().torch(**source, **SMALL, seed=seed)
@@ -143,6 +148,7 @@ def test_seed_and_epoch_give_the_order(root: Path, source) -> None:
     assert len({tuple(sorted(one)) for one in first + other}) == 1
 
 
+@EITHER
 @pytest.mark.parametrize("taken", [0, 5, 14])
 def test_a_state_resumes_in_the_middle_of_an_epoch(root: Path, source, taken: int) -> None:
     dataset = kb.load(root).clips().torch(**source, **SMALL)
@@ -161,6 +167,7 @@ def test_a_state_resumes_in_the_middle_of_an_epoch(root: Path, source, taken: in
     assert sorted(_keys(workers)) == sorted(rest), "nothing twice, nothing lost"
 
 
+@EITHER
 @pytest.mark.parametrize("workers", [0, 2])
 def test_a_stateful_loader_resumes_with_its_workers(root: Path, source, workers: int) -> None:
     def loader() -> Any:

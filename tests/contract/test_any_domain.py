@@ -29,7 +29,8 @@ needs("torch")
 
 
 LITTLE = ("wiki crawl", "wiki filter", "wiki export", "reddit crawl", "reddit import")
-REST = ("refresh reddit", "reddit filter", "reddit export", "reddit reconstruct", "report")
+REST = ("refresh reddit", "reddit filter", "reddit export", "reddit reconstruct")
+LAST = ("tasks", "links", "index", "report", "release")
 
 
 def rows(root: Path, sql: str) -> list[dict[str, Any]]:
@@ -160,7 +161,7 @@ def test_pairs_match_their_keywords(cooking: Demo) -> None:
 
 def test_a_science(tmp_path: Path) -> None:
     path = str(written("astronomy", tmp_path))
-    root = played(tmp_path, path, (*LITTLE, *REST)).root
+    root = played(tmp_path, path, (*LITTLE, *REST, *LAST)).root
     check_verdicts(root, path)
     check_pairs(root, path)
     length = rows(root, "SELECT max(clip_end_s - clip_start_s) AS s FROM release.pairs")[0]["s"]

@@ -45,7 +45,7 @@ MADE = ("clean", "annotations", "pairs", "links", "release")
 @pytest.fixture(scope="module")
 def crawled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
     """Raw data of a small world of videos."""
-    with Sandbox(World(n_channels=9, n_videos=60), services=["youtube"]) as sandbox:
+    with Sandbox(World(n_channels=6, n_videos=40), services=["youtube"]) as sandbox:
         job = Job(sandbox, tmp_path_factory.mktemp("crawled"), toxicity=True)
         job.done("youtube", "crawl")
         yield job

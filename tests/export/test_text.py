@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import datasets
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -110,6 +109,8 @@ def test_a_transcript_has_a_time_at_each_paragraph() -> None:
 
 def test_videos_pages_and_threads_are_read_as_data_sets(tmp_path: Path, run_at: Any) -> None:
     """By the `datasets` library, and by the fields that datatrove's JsonlReader and Dolma read."""
+    import datasets
+
     root = build(tmp_path / "data")
     videos = pq.read_table(root / "clean/youtube/videos/part-00000.parquet")["video_id"]
     cue = {"start_s": 0.0, "duration_s": 2.0, "text": "now we build"}

@@ -1,5 +1,6 @@
 """White space of every kind parts words, in as many bytes as it had."""
 
+import re
 import sys
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from kb.pairs.transcript_batch import Text
 from tests.pairs.conftest import transcripts
 
-EVERY = [chr(code) for code in range(sys.maxunicode + 1) if chr(code).isspace()]
+EVERY = re.findall(r"\s", "".join(map(chr, range(sys.maxunicode + 1))))
 # Neighbours of wide spaces in UTF-8: the same first bytes, and letters.
 NEAR = "a\xe9\u266d\u2019\u2014\u200b\u2027\u303f\u1681\U00012000\u0100"
 texts = st.text(st.sampled_from([*EVERY, *NEAR]), max_size=12)

@@ -1,5 +1,6 @@
 """The command's fixture, for tests of what it prints."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,19 @@ import pytest
 from kb import query
 from kb.store.state import tombstones
 from kb.store.tables.shard_writer import write_table
-from tests.cli.conftest import kb  # noqa: F401  a fixture
+from tests import inprocess
+from tests.cli.conftest import Kb, clean_environment
+
+
+@pytest.fixture
+def kb(tmp_path: Path) -> Kb:
+    """kb("query", …): the command in an empty folder, and in this process."""
+
+    def run(*words: str) -> "subprocess.CompletedProcess[str]":
+        done = inprocess.run(words, env=clean_environment(), cwd=tmp_path)
+        return subprocess.CompletedProcess(words, *done)
+
+    return run
 
 
 @pytest.fixture

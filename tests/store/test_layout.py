@@ -26,12 +26,13 @@ WRITTEN = re.compile(rf"(?:{'|'.join(sorted(set(TOP) - {'pairs', 'links'}))})/[^
 
 def paths(source: str) -> Iterator[tuple[int, str]]:
     """(line, text) of each string that names a top folder as a part of a path."""
-    for node in ast.walk(ast.parse(source)):
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
         parts: list[ast.expr] = []
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
             parts = [node.left, node.right]
         elif isinstance(node, ast.Call):
-            name = ast.unparse(node.func).rpartition(".")[2]
+            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
             if name in ("Path", "joinpath", "join"):
                 parts = node.args
             elif name in ("glob", "rglob"):
@@ -42,12 +43,11 @@ def paths(source: str) -> Iterator[tuple[int, str]]:
             text = part.value if isinstance(part, ast.Constant) else None
             if isinstance(text, str) and text.split("/")[0] in TOP:
                 yield part.lineno, text
-    yield from whole_paths(source)
+    yield from whole_paths(tree)
 
 
-def whole_paths(source: str) -> Iterator[tuple[int, str]]:
+def whole_paths(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """(line, text) of each string that is a path below a top folder, docstrings apart."""
-    tree = ast.parse(source)
     prose = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr) and id(node) not in prose:

@@ -19,13 +19,12 @@ from typing import Any, BinaryIO, cast
 
 import fsspec
 import pyarrow as pa
-import pyarrow.dataset as ds
 import pyarrow.fs
 from fsspec.implementations.cached import CachingFileSystem
 
 from kb.core.cached_property import cached_property
 from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
-from kb.core.installation import install_extra
+from kb.core.installation import ds, install_extra
 from kb.net.hub_client import use_own_client
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import unreadable
@@ -35,10 +34,6 @@ _EXTRAS = {"s3": "s3", "s3a": "s3", "hf": "hub"}
 # What clients raise for a refused or missing credential, by the name of its class.
 _REFUSED = {"PermissionError", "NoCredentialsError", "GatedRepoError", "PartialCredentialsError"}
 _PAGE = "page integrity"  # in Arrow's message of a page with another checksum
-# Every page that is read is verified.
-_VERIFIED = ds.ParquetFileFormat(
-    default_fragment_scan_options=ds.ParquetFragmentScanOptions(page_checksum_verification=True)
-)
 UNREACHABLE = "check the address and the network"
 
 
@@ -90,8 +85,13 @@ class RemoteFolder:
 def parquet_dataset(
     files: Sequence[str], system: pyarrow.fs.FileSystem | None = None
 ) -> ds.Dataset:
-    """The files, in order, of this machine or of another file system."""
-    return ds.dataset(list(files), format=_VERIFIED, filesystem=system)
+    """The files, in order, of this machine or of another file system; every page that is read is
+    verified.
+    """
+    verified = ds.ParquetFileFormat(
+        default_fragment_scan_options=ds.ParquetFragmentScanOptions(page_checksum_verification=True)
+    )
+    return ds.dataset(list(files), format=verified, filesystem=system)
 
 
 class _RangeHandler(pyarrow.fs.FSSpecHandler):

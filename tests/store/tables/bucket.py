@@ -6,8 +6,6 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-import boto3
-from moto.server import DomainDispatcherApplication, create_backend_app
 from werkzeug.serving import make_server
 
 KEY = {"aws_access_key_id": "loopback", "aws_secret_access_key": "loopback"}
@@ -17,6 +15,10 @@ class S3Server:
     """A running server; `answered` counts the bytes of its answers."""
 
     def __init__(self) -> None:
+        # Here and not above: every test process collects the files that ask for a bucket.
+        import boto3
+        from moto.server import DomainDispatcherApplication, create_backend_app
+
         self.answered = 0
         self.methods: set[str] = set()
         self._app = DomainDispatcherApplication(create_backend_app)
