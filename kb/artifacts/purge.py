@@ -279,8 +279,9 @@ def answers(purge: Purge) -> Iterator[PurgeLine]:
     for path, (count, repeats) in zip(paths, done, strict=True):
         changed[path.parent.name] += count
         purge.repeats.update(repeats)
-        if not purge.dry:
-            purge_raw.committed(purge.frontier, path)
+        if not purge.dry:  # the state knows all of a segment that was written again
+            place = path.parent.name, rawlog.base_name(path)
+            purge.frontier.set_offset(*place, path.stat().st_size)
     for kind in rawlog.kinds(purge.root, source):
         yield PurgeLine(str(BELOW.raw(source, kind)), "answers", changed[kind])
 

@@ -165,13 +165,8 @@ def uncommitted(frontier: Frontier, paths: Iterable[Path]) -> Iterator[Path]:
     """The segments. The state forgets each one before it is handed out to be written again.
 
     A shorter segment than the state knows would count as lost. If the purge is killed before
-    `committed`, the segment is read again, which changes nothing.
+    its new size is noted, the segment is read again, which changes nothing.
     """
     for path in paths:
         frontier.set_offset(path.parent.name, rawlog.base_name(path), 0)
         yield path
-
-
-def committed(frontier: Frontier, path: Path) -> None:
-    """The state knows all of a segment that was written again."""
-    frontier.set_offset(path.parent.name, rawlog.base_name(path), path.stat().st_size)

@@ -71,10 +71,3 @@ def back_at(stops: Iterable[KbError]) -> datetime | None:
         elif isinstance(stop, Blocked) and stop.after is not None:
             times.append(clock.now() + timedelta(seconds=stop.after))
     return min(times, default=None)
-
-
-def worst(stops: Iterable[KbError]) -> KbError | None:
-    """The stop that decides the exit code: errors before postponed work, then the first one."""
-    return min(
-        stops, key=lambda stop: (stop.exit_code == 3, isinstance(stop, LimitReached)), default=None
-    )

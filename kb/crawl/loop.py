@@ -20,13 +20,13 @@ from kb.core.errors import (
     DiskFull,
     Interrupted,
     ItemFinal,
+    LimitReached,
     Retryable,
     Stopped,
     Unreachable,
 )
 from kb.core.progress import Task
 from kb.crawl.connector import Phase
-from kb.crawl.limits import worst
 from kb.crawl.phase_scheduler import Scheduler, Turn
 from kb.crawl.session import CrawlSession
 from kb.store.state.frontier import Item
@@ -87,7 +87,9 @@ class Loop:
         threads = [
             threading.Thread(target=self._work, args=(service,), name=f"{service}-{number}")
             for service in services
-            for number in range(self._threads(service))
+            for number in range(
+                max(phase.workers for phase in self.scheduler.phases if phase.service == service)
+            )
             if (service, number) != (services[0], 0)
         ]
         for thread in threads:
@@ -105,9 +107,9 @@ class Loop:
                 bar.close(stopped=stopped)
         if self._end is not None:
             raise self._end
-        stop = worst(self.scheduler.stops())
-        if stop is not None:
-            raise stop
+        if stops := list(self.scheduler.stops()):
+            # Errors decide the exit code before postponed work, then the first one does.
+            raise min(stops, key=lambda stop: (stop.exit_code == 3, isinstance(stop, LimitReached)))
 
     def _check_silent_services(self) -> None:
         """Stop for a service that is down but had too few items to show it.
@@ -120,9 +122,6 @@ class Loop:
             known = self.scheduler.answered(phase.service)
             if known is None or not self._answers(*known):
                 self._stop(phase, _down(failure), 0)
-
-    def _threads(self, service: str) -> int:
-        return max(phase.workers for phase in self.scheduler.phases if phase.service == service)
 
     # -- one thread --------------------------------------------------------------------------------
 

@@ -85,15 +85,10 @@ def youtube(run: Run) -> Summary:
         for row in sorted_rows(run.root, "youtube/videos", list(YOUTUBE.values()), ["video_id"]):
             video = {name: row[ours] for name, ours in YOUTUBE.items()}
             add(video)
-            if teaches(video["title"]):
+            if _TEACHES.search(video["title"]):
                 add_tutorial(video)
             count += 1
     return Summary(format="minedojo", videos=count, path=str(path))
-
-
-def teaches(title: str) -> bool:
-    """Whether a title says that the video is a tutorial."""
-    return bool(_TEACHES.search(title))
 
 
 def reddit(run: Run) -> Summary:

@@ -9,8 +9,8 @@
     data.clips("creeper").torch("films")    the same as a PyTorch dataset
     data.search("tame a wolf")          ranked answers from the index of `kb index`
 
-Needs no key and no network. `tables` has tables and results, `wiki_page` and `screenshots` the
-pages, `html` what notebooks show.
+Needs no key and no network. `tables` has tables and results, `wiki_page` the pages, `html` what
+notebooks show.
 """
 
 from kb.reader.clips import Clips

@@ -1,24 +1,29 @@
-"""Tables and query results, with conversions: Arrow, pandas, polars, and HTML in notebooks."""
+"""Tables and query results, with conversions (Arrow, pandas, polars, and HTML in notebooks), and
+the tables of several folders with one connection over them.
+"""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import weakref
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
+import duckdb
 import pyarrow as pa
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from kb import query
 from kb.artifacts.release_folder import read_tombstones
-from kb.artifacts.table_catalog import View, bare
+from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare, check_once
 from kb.core.cached_property import cached_property
 from kb.core.errors import FatalError, KbError, MissingExtra, UsageError
+from kb.query.remote_duckdb import reading_views
 from kb.reader import html
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
@@ -27,14 +32,6 @@ from kb.store.tables.remote_files import first_rows, parquet_dataset, reading_at
 if TYPE_CHECKING:
     import pandas
     import polars
-
-import weakref
-from collections.abc import Iterable
-
-import duckdb
-
-from kb.artifacts.table_catalog import SCHEMAS, Catalog, check_once
-from kb.query.remote_duckdb import reading_views
 
 _SHOWN = 5  # rows of `head`
 

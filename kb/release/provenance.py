@@ -147,19 +147,14 @@ def files(run: Run, source: str, changed: Changes) -> dict[str, str]:
     listed = keyword_text(run.profile)
     if listed:
         made[KEYWORDS] = listed
-    made[PROVENANCE] = provenance(run, source, changed)
-    return made
-
-
-def provenance(run: Run, source: str, changed: Changes) -> str:
-    """provenance.json as text."""
     document = {
         **made_with(run),
         "version": run.profile.release.version,
         "settings": dict(rules(run.profile, source)),
         "changes": msgspec.to_builtins(changed) if changed.version else None,
     }
-    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+    made[PROVENANCE] = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+    return made
 
 
 def made_with(run: Run) -> dict[str, dict[str, Any]]:

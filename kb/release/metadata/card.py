@@ -31,15 +31,6 @@ from kb.release.provenance import Changes
 WIDTH = 40  # of the longest bar, in characters
 
 
-def first(facts: Facts) -> dict[str, Any]:
-    """What templates/first_screen.md.jinja says of a folder."""
-    return {
-        "query": PUBLISHED[facts.source].query,
-        "archive": next((one.name for one in facts.others if one.name.endswith(".tar")), None),
-        "picture": picture(facts),
-    }
-
-
 def picture(facts: Facts) -> list[tuple[str, int, str]]:
     """Lines with a name, a number and a bar: how much each stage left over, or how often the most
     frequent keywords are met.
@@ -95,7 +86,11 @@ def card(run: Run, facts: Facts, changed: Changes) -> str:
         main=next((table for table in facts.tables if _is_main(table)), facts.tables[0]),
         stages=sorted(stages.items(), key=lambda item: (-item[1], item[0])),
         bibtex=bibtex(run, facts),
-        first=first(facts),
+        first={  # what templates/first_screen.md.jinja says
+            "query": PUBLISHED[facts.source].query,
+            "archive": next((one.name for one in facts.others if one.name.endswith(".tar")), None),
+            "picture": picture(facts),
+        },
         changed=changed,
         rules=provenance.rules(run.profile, facts.source),
         profile=run.profile,

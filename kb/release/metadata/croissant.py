@@ -106,7 +106,8 @@ def croissant(run: Run, facts: Facts) -> str:
                 (prose.attribution, licence(facts.licence).short, *_not_for(prose.avoid))
             ),
         },
-        **lineage(run, facts),
+        "prov:wasDerivedFrom": _origins(run, facts.source),
+        "prov:wasGeneratedBy": _activities(run, facts),
         **_responsible(run, facts),
         "distribution": files,
         "recordSet": [_records(table) for table in facts.tables],
@@ -269,14 +270,6 @@ def _described(column: Column) -> str:
     if column.why_null:
         parts.append(f"Null: {column.why_null}.")
     return " ".join(parts)
-
-
-def lineage(run: Run, facts: Facts) -> dict[str, Any]:
-    """`prov:wasDerivedFrom` and `prov:wasGeneratedBy` of a folder."""
-    return {
-        "prov:wasDerivedFrom": _origins(run, facts.source),
-        "prov:wasGeneratedBy": _activities(run, facts),
-    }
 
 
 def _origins(run: Run, source: str) -> list[dict[str, Any]]:

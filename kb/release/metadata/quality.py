@@ -137,13 +137,10 @@ def _scored(section: dict[str, Any] | None) -> Iterator[str]:
         f" similarity is {bins[0]['to']:.3f} or less, and {interval_text(bins[-1])} where it is"
         f" {bins[-1]['from']:.3f} or more"
     )
-    if seen["auc"]:
-        sentence += f"; the area under the curve is {_area(seen['auc'])}"
+    if area := seen["auc"]:
+        sentence += f"; the area under the curve is {area['auc']:.3f}"
+        sentence += f" (95 % interval {area['low']:.3f} to {area['high']:.3f})"
     yield sentence + "."
-
-
-def _area(auc: dict[str, Any]) -> str:
-    return f"{auc['auc']:.3f} (95 % interval {auc['low']:.3f} to {auc['high']:.3f})"
 
 
 def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> tuple[str, ...]:

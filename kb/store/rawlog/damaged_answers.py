@@ -11,7 +11,7 @@ again, and until it has, `check` keeps filters from taking what is lost for what
 """
 
 import shutil
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -51,14 +51,9 @@ class LostRange(msgspec.Struct):
     reported: bool = False
 
 
-def suspect(frontier: Frontier, segments: Iterable[tuple[str, str]]) -> None:
-    """Note (kind, segment) for the next command that writes raw data to look into."""
-    known = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [], of=_PAIRS)}
-    frontier.set_cursor(_SUSPECTS, sorted(known | set(segments)))
-
-
 def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: str) -> None:
-    """Suspect the raw segments that an error is about, as far as they can't be read in full.
+    """Note the raw segments that an error is about, as far as they can't be read in full, for the
+    next command that writes raw data to look into.
 
     The error then says `hint`. Where all are whole (they hold what a parser doesn't take) no crawl
     would find anything to fix.
@@ -73,7 +68,8 @@ def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: 
         and gaps(path, path.stat().st_size)
     ]
     if damaged:
-        suspect(frontier, damaged)
+        known = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [], of=_PAIRS)}
+        frontier.set_cursor(_SUSPECTS, sorted(known | set(damaged)))
         error.hint = hint
 
 
