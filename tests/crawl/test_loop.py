@@ -67,8 +67,11 @@ def test_a_service_that_fails_for_the_last_items_is_down_too(run: Run) -> None:
 HEAD, TAIL, SPREAD = range(20), range(180, 200), range(3, 200, 10)
 
 
-@pytest.mark.parametrize("where", [HEAD, TAIL, SPREAD], ids=["first", "last", "spread"])
-@pytest.mark.parametrize("status", [500, 200], ids=["HTTP 500", "no JSON"])
+@pytest.mark.parametrize(
+    ("status", "where"),
+    [(500, HEAD), (200, TAIL), (500, SPREAD)],
+    ids=["HTTP 500-first", "no JSON-last", "HTTP 500-spread"],
+)
 def test_twenty_items_that_always_fail_keep_no_other_from_being_read(
     run: Run, where: range, status: int
 ) -> None:

@@ -126,17 +126,16 @@ def emulate(browser: Any, width: int, theme: str = "light") -> None:
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", scheme)
 
 
-@pytest.mark.parametrize(("width", "theme"), [(420, "dark"), (1440, "light")])
 def test_pages_fit_their_window_and_can_be_read(
-    browser: Any, demo_pages: Explored, every_page: list[str], width: int, theme: str
+    browser: Any, demo_pages: Explored, every_page: list[str]
 ) -> None:
-    emulate(browser, width, theme)
     for path in every_page:
         browser.get(demo_pages.address + path)
-        shown = browser.execute_script("return document.documentElement.scrollWidth")
-        assert shown <= width, path
-        assert browser.execute_script(FAINT) == [], path
-    emulate(browser, 1440)
+        for width, theme in ((420, "dark"), (1440, "light")):
+            emulate(browser, width, theme)
+            shown = browser.execute_script("return document.documentElement.scrollWidth")
+            assert shown <= width, (path, width)
+            assert browser.execute_script(FAINT) == [], (path, theme)
 
 
 def test_a_page_of_pairs_is_about_two_screens(browser: Any, demo_pages: Explored) -> None:

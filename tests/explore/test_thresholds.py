@@ -11,7 +11,7 @@ import duckdb
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kb.core.config.profile import load_profile
@@ -160,6 +160,7 @@ def test_a_wrong_question_is_refused(demo_pages: Explored, query: str, message: 
     assert message in html.unescape(answer.text)
 
 
+@settings(max_examples=30)
 @given(
     st.lists(st.tuples(WHOLE | SHARES, st.booleans(), OUTCOMES), max_size=60),
     st.sampled_from([0.5, 5.0, 100.0]),

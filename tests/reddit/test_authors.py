@@ -402,9 +402,9 @@ def test_a_purge_that_was_killed_goes_on(theirs: tuple[Work, list[str]]) -> None
     shutil.copytree(work.root, work.place / "whole")
     length = harm.run([*words, "--data", "whole"], job.env, work.place).operations
     killed = 0
-    for tenth in range(1, 10):
+    for fifth in range(1, 5):
         ended = harm.run(
-            words, job.env, work.place, harm=harm.KILL, before=max(1, length * tenth // 10)
+            words, job.env, work.place, harm=harm.KILL, before=max(1, length * fifth // 5)
         )
         killed += ended.code == -signal.SIGKILL
         assert not traces(work, NAME)
@@ -413,7 +413,7 @@ def test_a_purge_that_was_killed_goes_on(theirs: tuple[Work, list[str]]) -> None
             break
         if Layout(work.root).purge("reddit").exists():
             words = ["purge", "reddit"]
-    assert killed > 2
+    assert killed > 1
     job.done("purge", "reddit")
     assert not traces(work, NAME, MARK, person, *(name[3:] for name in own))
     assert tombstones.people(work.root, "reddit") == {person}

@@ -7,7 +7,6 @@ import pytest
 import zstandard
 
 from kb.artifacts import purge as steps
-from kb.artifacts import purge_raw
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
@@ -67,7 +66,7 @@ class Killed(Exception):
     ("place", "name", "call"),
     [
         (steps, "answers", 1),
-        (purge_raw, "committed", 1),
+        (Frontier, "set_offset", 2),
         (Frontier, "remove", 2),
         (Frontier, "remove", 3),
         (Frontier, "forget", 1),

@@ -155,8 +155,8 @@ def lease(root: Path) -> Iterator[Path]:
     path.touch()
 
     def watch() -> None:
-        while not over.is_set():
-            if signals.stop.wait(0.1):
+        while not over.wait(0.1):
+            if signals.stop.requested():
                 path.unlink(missing_ok=True)
                 return
 

@@ -129,8 +129,8 @@ def test_it_prints_settings_closes_stdout_and_serves_until_sigterm() -> None:
 
 def test_a_command_gets_the_settings_and_its_exit_code_is_ours() -> None:
     script = (
-        "import os, requests, sys\nrequests.get(os.environ['KB_YOUTUBE_WEB'] + '/watch?v=x',"
-        " timeout=9)\n"
+        "import os, sys, urllib.request as u\n"
+        "u.urlopen(os.environ['KB_YOUTUBE_WEB'] + '/watch?v=x', timeout=9)\n"
     )
     script += "print(os.environ['KB_DATA'])\nsys.exit(7)"
     done = sandbox("--data", "/tmp/some where", "--", sys.executable, "-c", script)
@@ -200,9 +200,10 @@ def test_sigterm_reaches_the_command(tmp_path: Path) -> None:
 
 
 def test_the_truth_of_the_world_is_written_as_json(tmp_path: Path) -> None:
-    done = sandbox("--truth", "truth.json", "--seed", "3", "--", "true", cwd=tmp_path)
+    small = ("--seed", "3", "--videos", "60")
+    done = sandbox("--truth", "truth.json", *small, "--", "true", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    assert json.loads((tmp_path / "truth.json").read_text()) == World(3).truth
+    assert json.loads((tmp_path / "truth.json").read_text()) == World(3, n_videos=60).truth
 
 
 def test_films_are_there_before_the_command_runs(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from kb.sandbox.world import World
 from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.youtube.job import Job
@@ -16,7 +17,9 @@ LATER = "2027-01-20T12:00:00Z"  # more than max_age_days after the crawl
 
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
-    with Sandbox(small_world(24, width=120, depth=24)) as sandbox:
+    world = World(n_channels=9, n_videos=130)
+    world.reddit = small_world(24, width=120, depth=24).reddit
+    with Sandbox(world) as sandbox:
         yield Job(sandbox, tmp_path_factory.mktemp("plans"))
 
 

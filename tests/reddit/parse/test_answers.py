@@ -71,7 +71,7 @@ def envelope(answer: Any, asked: dict[str, Any] | None = None, status: int = 200
     )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     st.sampled_from(parse.KINDS),
     st.lists(things(), max_size=4),

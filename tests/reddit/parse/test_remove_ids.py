@@ -33,7 +33,7 @@ def spelled(line: bytes, how: str) -> bytes:
     return re.sub(r'(?<=["_,])p1', r"p\\u0031", text).encode()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     answers(),
     st.sets(st.sampled_from(NAMES), max_size=3),

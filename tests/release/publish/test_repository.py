@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
 from kb.release.build import release
@@ -69,7 +70,22 @@ def tombstone(root: Path, service: Sandbox) -> None:
         assert done.code == 0, done.err
 
 
-def test_every_file_arrives_once_and_the_token_nowhere(whole: Path, hub: Sandbox) -> None:
+READ = """
+import json, sys
+import datasets
+datasets.disable_progress_bars()
+repo, names = sys.argv[1], sys.argv[2:]
+assert sorted(datasets.get_dataset_config_names(repo)) == sorted(names)
+rows = {name: datasets.load_dataset(repo, name, split="train").to_list() for name in names}
+streamed = next(iter(datasets.load_dataset(repo, names[0], split="train", streaming=True)))
+assert streamed == rows[names[0]][0]
+print(json.dumps(rows, default=str, sort_keys=True))
+"""
+
+
+def test_every_file_arrives_once_is_read_back_and_the_token_nowhere(
+    whole: Path, hub: Sandbox
+) -> None:
     first = publish(hub, whole, "--repo", REPO, "--json")
     assert summary(first)["uploaded"] == len(on_disk(whole)) + 1  # and the root's card
     assert at_hub(held(hub)) == on_disk(whole)
@@ -84,6 +100,22 @@ def test_every_file_arrives_once_and_the_token_nowhere(whole: Path, hub: Sandbox
     assert TOKEN not in said
     assert not [path for path in files if TOKEN.encode() in path.read_bytes()]
     assert not [one for one in hub.ledger.requests() if TOKEN in f"{one.path}?{one.query}"]
+    held(hub).private = True  # whoever reads it has the token
+    shards: dict[str, list[Path]] = {}
+    for path in sorted((whole / "release").rglob("*.parquet")):
+        shards.setdefault(path.name.partition("-")[0], []).append(path)
+    reader = subprocess.run(
+        [sys.executable, "-c", READ, REPO, *shards],
+        env=environment(hub, whole),
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+    assert reader.returncode == 0, reader.stderr[-2000:]
+    read = json.loads(reader.stdout)
+    for name, paths in shards.items():
+        rows = [row for path in paths for row in pq.ParquetFile(path).read().to_pylist()]
+        assert read[name] == json.loads(json.dumps(rows, default=str)), name
 
 
 def test_what_was_purged_leaves_the_newest_revision_and_with_squash_all(
@@ -206,40 +238,6 @@ def test_a_repository_of_something_else_is_left_alone(root: Path, hub: Sandbox) 
         in done.said
     )
     assert list(held(hub, other).head.files) == ["train.csv"]
-
-
-READ = """
-import json, sys
-import datasets
-datasets.disable_progress_bars()
-repo, names = sys.argv[1], sys.argv[2:]
-assert sorted(datasets.get_dataset_config_names(repo)) == sorted(names)
-rows = {name: datasets.load_dataset(repo, name, split="train").to_list() for name in names}
-streamed = next(iter(datasets.load_dataset(repo, names[0], split="train", streaming=True)))
-assert streamed == rows[names[0]][0]
-print(json.dumps(rows, default=str, sort_keys=True))
-"""
-
-
-def test_load_dataset_reads_every_config_back(whole: Path, hub: Sandbox) -> None:
-    import pyarrow.parquet as pq
-
-    summary(publish(hub, whole, "--repo", REPO, "--private", "--json"))
-    shards: dict[str, list[Path]] = {}
-    for path in sorted((whole / "release").rglob("*.parquet")):
-        shards.setdefault(path.name.partition("-")[0], []).append(path)
-    reader = subprocess.run(
-        [sys.executable, "-c", READ, REPO, *shards],
-        env=environment(hub, whole),
-        text=True,
-        capture_output=True,
-        check=False,
-    )
-    assert reader.returncode == 0, reader.stderr[-2000:]
-    read = json.loads(reader.stdout)
-    for name, paths in shards.items():
-        rows = [row for path in paths for row in pq.ParquetFile(path).read().to_pylist()]
-        assert read[name] == json.loads(json.dumps(rows, default=str)), name
 
 
 def test_a_published_release_is_read_where_it_lies(root: Path, hub: Sandbox) -> None:

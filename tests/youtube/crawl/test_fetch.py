@@ -171,11 +171,9 @@ def test_a_service_that_is_down_stops_the_run(job: Job) -> None:
 @pytest.mark.parametrize(
     "what",
     [
-        {"path": "/watch", "status": 200, "body": walls.captcha_page()},
         {"path": "/watch", "status": 200, "body": walls.consent_page()},
         {"path": "/player", "status": 200, "body": walls.bot_answer()},
         {"path": "/timedtext", "status": 429, "headers": {"Retry-After": "0"}},
-        {"path": "/watch", "status": 429, "headers": {"Retry-After": "7200"}},
         {
             "path": "/watch",
             "status": 302,
@@ -184,11 +182,9 @@ def test_a_service_that_is_down_stops_the_run(job: Job) -> None:
         {"path": "/watch", "status": 302, "headers": {"Location": "/sorry/index"}},
     ],
     ids=[
-        "captcha",
         "consent wall",
         "bot",
         "429",
-        "429 for hours",
         "sent to the consent wall",
         "sent to the captcha",
     ],
