@@ -166,7 +166,7 @@ def _in_parquet(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]
 def _anchored(file: pq.ParquetFile, names: list[str], wanted: SecretPatterns) -> list[str]:
     """The columns that contain a value or the literal part of a shape: mostly none."""
     found = set[str]()
-    for batch in file.iter_batches(columns=names):
+    for batch in file.iter_batches(10_000, columns=names):
         for name, column in zip(batch.schema.names, batch.columns, strict=True):
             text = column.buffers()[2]
             if name not in found and text and wanted.anything(text.to_pybytes()):

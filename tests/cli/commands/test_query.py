@@ -1,7 +1,7 @@
 """`kb query` as a user types it."""
 
+import io
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.schema.tables import table
-from tests.cli.conftest import clean_environment
+from tests.inprocess import Here
 
 
 @pytest.fixture
@@ -120,20 +120,14 @@ def test_a_damaged_file_is_named(kb: Any, root: Path) -> None:
 COMMENTED = "-- how many\n--\n/* of\nthem */ SELECT 7 AS n -- so many\n"
 
 
-def test_sql_from_a_file_and_from_standard_input(kb: Any, tmp_path: Path) -> None:
+def test_sql_from_a_file_and_from_standard_input(
+    kb: Any, here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "q.sql").write_text("\ufeff" + COMMENTED, encoding="utf-8")
     assert kb("query", "--file", "q.sql", "--format", "csv").stdout == "n\n7\n"
     for words in (["-"], ["--file", "-"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "kb", "query", *words, "--format", "csv"],
-            cwd=tmp_path,
-            env=clean_environment(),
-            input=COMMENTED,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        assert done.stdout == "n\n7\n"
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(COMMENTED.encode())))
+        assert here("query", *words, "--format", "csv").out == "n\n7\n"
 
 
 @pytest.mark.parametrize("sql", [COMMENTED, "-- one\nSELECT 7 AS n;", "--\nSELECT 7 AS n"])
