@@ -18,6 +18,7 @@ import contextlib
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -143,35 +144,31 @@ def _in_file(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]:
 def _in_parquet(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]:
     file = parquet.open_file(path)
     yield from (("its metadata", what) for what in wanted.within(_about(file)))
-    names = [
-        field.name
-        for field in file.schema_arrow
-        if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
-    ]
+    # Of texts, and of lists and records that have some.
+    names = [field.name for field in file.schema_arrow if "string" in str(field.type)]
+    hits: dict[str, str] = {}
     with reading([path]):
-        named = _anchored(file, names, wanted)
-    if not named:
-        return
-    pattern = "|".join(f"(?:{shape})" for shape in wanted.shapes.values()).replace("'", "''")
-    hits = ", ".join(
-        f'min("{name}") FILTER (regexp_matches("{name}", \'{pattern}\'))' for name in named
-    )
-    with reading([path]), database.asking() as con:
-        row = con.execute(f"SELECT {hits} FROM {scan([path])}").fetchone() or ()
-    for name, hit in zip(named, row, strict=True):
-        if hit is not None:
-            yield f"column {name}", next(iter(wanted.within(hit.encode())), "a key")
+        for batch in file.iter_batches(10_000, columns=names):
+            for name, column in zip(batch.schema.names, batch.columns, strict=True):
+                if name not in hits and (found := _in_column(column, wanted)):
+                    hits[name] = found
+    yield from ((f"column {name}", hits[name]) for name in names if name in hits)
 
 
-def _anchored(file: pq.ParquetFile, names: list[str], wanted: SecretPatterns) -> list[str]:
-    """The columns that contain a value or the literal part of a shape: mostly none."""
-    found = set[str]()
-    for batch in file.iter_batches(10_000, columns=names):
-        for name, column in zip(batch.schema.names, batch.columns, strict=True):
-            text = column.buffers()[2]
-            if name not in found and text and wanted.anything(text.to_pybytes()):
-                found.add(name)
-    return [name for name in names if name in found]
+def _in_column(column: pa.Array[Any], wanted: SecretPatterns) -> str | None:
+    """What the texts of a column contain, also those in its lists and records."""
+    if isinstance(column, (pa.ListArray, pa.StructArray)):
+        inner = column.flatten()
+        parts = inner if isinstance(inner, list) else [inner]
+        return next((found for part in parts if (found := _in_column(part, wanted))), None)
+    if not isinstance(column, (pa.StringArray, pa.LargeStringArray)):
+        return None
+    text = column.buffers()[2]
+    if not text or not wanted.anything(text.to_pybytes()):
+        return None
+    # A shape does not continue in the next text.
+    texts = "\n".join(map(str, column.drop_null().to_pylist()))
+    return next(iter(wanted.within(texts.encode())), None)
 
 
 def _about(file: pq.ParquetFile) -> bytes:

@@ -6,8 +6,9 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
+from kb.release.build import release
 from kb.release.gate.contents import SecretPatterns
-from tests.release.conftest import SECRETS
+from tests.release.conftest import SECRETS, a_run
 from tests.release.gate.refusals import changed, refused, rewritten
 from tests.release.made import build
 
@@ -49,6 +50,21 @@ def test_shapes_of_keys(tmp_path: Path, text: str, what: str) -> None:
     assert refused(tmp_path) == [
         f"secret: wiki/elements-00000-of-00001.parquet: column text contains {what}"
     ]
+
+
+def test_a_key_within_a_list(tmp_path: Path) -> None:
+    names = ["ghp_" + "a1" * 18, "plain"]
+    build(tmp_path, changed("links/entities", lambda row: row.update(aliases=names)), ("links",))
+    assert (
+        "secret: links/entities-00000-of-00001.parquet: column aliases contains a GitHub token"
+        in refused(tmp_path)
+    )
+
+
+def test_a_key_does_not_begin_in_one_text_and_end_in_the_next(tmp_path: Path) -> None:
+    names = ["ghp_" + "a1" * 9, "a1" * 9]
+    build(tmp_path, changed("links/entities", lambda row: row.update(aliases=names)), ("links",))
+    release(a_run(tmp_path))
 
 
 def test_secret_in_the_profile_that_the_card_would_show(tmp_path: Path) -> None:
