@@ -80,7 +80,7 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
         case "clips":
             from kb.cli.commands.pairs import clips_app as app
         case "label":
-            from kb.cli.commands.derived import label_app as app
+            from kb.cli.commands.label import app
         case "links":
             from kb.cli.commands.derived import links_app as app
         case "release":

@@ -1,23 +1,20 @@
-"""What is made of clean tables: `kb tasks`, `kb links`, `kb report`, `kb annotate`, `kb models`.
-People judge it with `kb label`, in Label Studio or in the terminal.
-"""
+"""`kb tasks`, `kb links`, `kb report`, `kb annotate`, `kb models`: what is made of clean tables."""
 
 from __future__ import annotations
 
-import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.messages import show, show_row, warn_stale
-from kb.cli.framework.options import CLUSTER, Device, DeviceOption, OnlyPairs, pipeline
+from kb.cli.framework.messages import warn_stale
+from kb.cli.framework.options import CLUSTER, Device, DeviceOption, pipeline
 from kb.core.context import Run
-from kb.core.errors import KbError, SettingError
+from kb.core.errors import KbError
 from kb.core.sources import SOURCES
-from kb.core.summary import Summary, interval_text
+from kb.core.summary import Summary
 
 tasks_app = group("Mine candidates for creative tasks from titles of videos.")
 
@@ -220,137 +217,3 @@ def fetch(
     from kb.annotate.fetch import fetch as room
 
     return room(run, name)
-
-
-label_app = group("Let people judge a sample in Label Studio, or tasks in the terminal.")
-
-
-class JudgedKind(StrEnum):
-    """What can be judged."""
-
-    pairs = "pairs"
-    tasks = "tasks"
-
-
-@command(
-    label_app,
-    json="items, strata, out_of, hours, path",
-    needs_data=True,
-    examples=[
-        "kb label export pairs                        400 pairs, to label-pairs/",
-        "kb label export pairs --sample 50 --seed 1 --out trial   50 other pairs, to trial/",
-        "kb label export tasks --sample 100           100 tasks, to label-tasks/",
-    ],
-)
-def export(
-    run: Run,
-    what: Annotated[JudgedKind, typer.Argument(help="What to judge.")],
-    sample: Annotated[
-        int, typer.Option("--sample", min=1, metavar="N", help="Judge at most N of them.")
-    ] = 400,
-    seed: Annotated[
-        int, typer.Option("--seed", min=0, metavar="N", help="Another seed draws another sample.")
-    ] = 0,
-    pairs: OnlyPairs = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Write there. [default: label-WHAT]"),
-    ] = None,
-) -> Summary:
-    """Write a sample as a project for Label Studio: config.xml, tasks.json and README.md.
-
-    The sample is stratified (pairs by kind of keyword and timing, tasks by start_source), and each
-    item carries the weight that it stands for. A larger sample of the same seed begins with the
-    smaller one. Only reads. --data may be a data root or a downloaded release; a release of pairs
-    holds no texts, so that the question about the text is left out.
-    """
-    from kb.labels import questions
-    from kb.labels.export import export
-
-    if pairs is not None and what is not JudgedKind.pairs:
-        raise SettingError("--pairs names pairs, and these are tasks", hint="leave it out")
-    labeling = {JudgedKind.pairs: questions.PAIRS, JudgedKind.tasks: questions.TASKS}[what]
-    return export(run, labeling, sample, seed, out or Path(f"label-{what}"), pairs)
-
-
-@command(
-    label_app,
-    "import",
-    json="answers, added, labels, skipped, undefined, contradictory, purged_items, unknown_items,"
-    " figures",
-    needs_data=True,
-    resumable=False,
-    examples=[
-        "kb label import project-1.json               one project, of one person or several",
-        "kb label import *.json                       several exports, also overlapping ones",
-    ],
-)
-def import_(
-    run: Run,
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE", help="Label Studio's exports, as JSON.")
-    ],
-) -> Summary:
-    """Read Label Studio's exports into labels/, and print what they say of all pairs.
-
-    All files are read before anything is written. Of several answers of one person to the same
-    question the newest counts. Answers about items that were purged, or that no table has any
-    more, are refused. pairs/measures.json gets the figures, and the cards of pairs and tasks show
-    them. People are numbers in the tables.
-
-    Columns: kind of item; question; judged items; share of yes among all items (each judged one
-    weighted by what it stands for), or of times within 10 s, with its 95 % interval; Cohen's kappa
-    of two people, Fleiss' of more, with the number of items that both or several judged.
-    """
-    from kb.labels.imports import import_exports
-
-    summary = import_exports(run, files)
-    show_row(("kind", "question", "n", "yes", "kappa"))
-    for kind, section in summary["figures"].items():
-        for name, one in section["questions"].items():
-            shown = one.get("n", one["answers"])
-            show_row((kind, name, shown, interval_text(one), _kappa(one.get("agreement"))))
-    return summary
-
-
-class TriagedKind(StrEnum):
-    """What can be judged in the terminal."""
-
-    tasks = "tasks"
-
-
-@command(
-    label_app,
-    json="accepted_tasks, rejected_tasks, reworded_tasks, left, path",
-    needs_data=True,
-    examples=[
-        "kb label triage tasks                        a accept, r reject, e edit, b back, q quit",
-        "kb label triage tasks --annotator 2          what a second person thinks",
-    ],
-)
-def triage(
-    run: Run,
-    what: Annotated[TriagedKind, typer.Argument(help="What to judge.")],
-    annotator: Annotated[
-        int,
-        typer.Option(
-            "--annotator", min=0, metavar="N", help="The number of the person who judges."
-        ),
-    ] = 1,
-) -> Summary:
-    """Accept or reject tasks in the terminal: one title at a time, one key each.
-
-    Shows the title with its channel, the length of the video and the proposed prompt: a accepts it,
-    r rejects it, e asks for a better wording, b goes back to the title before, q quits, as the end
-    of input does. Each answer is written to labels/ at once, and the next run goes on with what
-    this person has not judged. `kb build` then applies the answers to tasks and release.
-    """
-    from kb.labels.triage import triage
-
-    return triage(run, annotator, show, sys.stdin)
-
-
-def _kappa(agreement: dict[str, Any] | None) -> str:
-    if agreement is None or agreement["kappa"] is None:
-        return "-"
-    return "{kappa:.2f} ({method}, {items} items)".format_map(agreement)
