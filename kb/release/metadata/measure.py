@@ -278,11 +278,7 @@ def _table(con: DuckDBPyConnection, part: ReleasedTable) -> TableFacts:
         for shard in part.shards
     )
     released = [column for column in part.table.columns if column.released]
-    rows = scan(part.shards)
-    if sum(file.size for file in files) <= database.FEW:  # a question of each column: read once
-        con.execute(f"CREATE OR REPLACE TEMP TABLE described AS FROM {rows}")
-        rows = "described"
-    columns = tuple(_columns(con, rows, released))
+    columns = tuple(_columns(con, scan(part.shards), released))
     return TableFacts(part.table, sum(file.rows or 0 for file in files), files, columns)
 
 
