@@ -1,5 +1,5 @@
-"""The text of files as people have them: lists, which are unpacked, decoded and read as JSON
-documents or as cells, and text and JSON in which one odd value costs that value, never the file.
+"""Reads files that users bring: lists of ids, as JSON or as cells, compressed or not; and JSON in
+which an unreadable value becomes null or U+FFFD, and the rest of the file is kept.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ class Topic(Predicate):
         )
 
     def conditions(self, rows: pa.Table) -> tuple[pa.Array[Any], pa.Array[Any]]:
-        """The label, the category and where a keyword stands, with what the row has."""
+        """Label, category and keyword: what fits and what does not, with the row's value."""
         label = pc.coalesce(column(rows, "game_label"), column(rows, "game_label_id"))
         category = text(column(rows, "category_id"))
         named, ours, categorised = self._labels(rows)

@@ -1,13 +1,13 @@
 """What makes a crawl resumable, in one SQLite file: frontier, cursors, ledger, raw offsets.
 
 One connection guarded by one lock: threads of a crawl share it. Readers (`kb status`) open it
-read-only beside a running crawl (write-ahead log). Errors of the file name it and say what to do:
+read-only while a crawl runs (write-ahead log). Errors name the file and say what to do:
 
-no room           DiskFull: the same command goes on
-not permitted     FatalError: permissions are no damage
-busy              FatalError: another program holds it
-the disk fails    FatalError
-anything else     DamagedData: the file is moved away and made again
+disk full           DiskFull: the same command resumes
+permission denied   FatalError: the file is not damaged
+locked              FatalError: another program uses it
+I/O error           FatalError
+anything else       DamagedData: move the file away, and the next run rebuilds it
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def _as_kb_error(error: sqlite3.DatabaseError, path: Path) -> Exception:
         return error
     if name in _FULL:
         return disk_full(path)
-    # Without inodes the file, or one beside it, can't be made.
+    # Without free inodes SQLite can create neither the file nor its log.
     failed = name.startswith(("SQLITE_CANTOPEN", "SQLITE_IOERR")) and not _not_allowed(path)
     if failed and (full := as_disk_full(error, path)):
         return full
