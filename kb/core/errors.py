@@ -17,13 +17,16 @@ KbError                     exit  what follows
 │   ├── NothingRead               every item of a crawl failed or was refused
 │   ├── NothingKept               a filter kept no row
 │   └── ReleaseRefused            the gate found something that may not be published
-├── Stopped                 3     the same command resumes
+├── Stopped                 3     it passes with time; the same command resumes
 │   ├── QuotaSpent                a quota is used up until `reset_at`
-│   ├── Blocked                   the service blocks us (429 without end, captcha, consent wall)
-│   ├── Unreachable               no connection to the service
-│   ├── DiskFull                  no space left to write
+│   ├── Blocked                   the service limits our address for a time (429 without end)
 │   ├── LimitReached              --limit items were done
-│   └── Interrupted               SIGINT or SIGTERM
+│   ├── Interrupted               SIGINT or SIGTERM
+│   └── ActionNeeded        4     somebody has to act first; then the same command resumes
+│       ├── Challenged            captcha, consent wall, challenge page, crawlers turned away
+│       ├── Untrusted             the certificate of a service is not trusted
+│       ├── Unreachable           no connection to the service after all tries
+│       └── DiskFull              no space left to write
 └── ItemError               -     about one item; never leaves a stage
     ├── ItemFinal                 a fact about the item: recorded, not tried again
     └── Retryable                 may go well next time: backoff, then `failed`
@@ -111,9 +114,15 @@ class ReleaseRefused(FatalError):
 
 
 class Stopped(KbError):
-    """Stopped early and resumable: the same command resumes."""
+    """Stopped early: the same command resumes, and nobody has to act."""
 
     exit_code = 3
+
+
+class ActionNeeded(Stopped):
+    """Stopped early: the same command resumes after somebody has acted, as `hint` says."""
+
+    exit_code = 4
 
 
 class QuotaSpent(Stopped):
@@ -125,18 +134,28 @@ class QuotaSpent(Stopped):
 
 
 class Blocked(Stopped):
-    """The service blocks us. Never a fact about an item."""
+    """The service limits us for a time. Never a fact about an item."""
 
     def __init__(self, message: str, *, hint: str = "", after: float | None = None) -> None:
         super().__init__(message, hint=hint)
         self.after = after
 
 
-class Unreachable(Stopped):
+class Challenged(ActionNeeded):
+    """The service wants a person (captcha, consent, challenge page) or turns crawlers away. Never a
+    fact about an item.
+    """
+
+
+class Untrusted(ActionNeeded):
+    """The certificate of a service is not trusted by this machine."""
+
+
+class Unreachable(ActionNeeded):
     """No connection to the service, or it answers with server errors only."""
 
 
-class DiskFull(Stopped):
+class DiskFull(ActionNeeded):
     """No room to write; nothing half-written was left behind."""
 
 
