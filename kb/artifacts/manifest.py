@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import pyarrow.parquet as pq
 
 from kb.core.sources import SOURCES
 from kb.store import damage
@@ -38,7 +37,7 @@ from kb.store.atomic import replacing_folder, write_bytes
 from kb.store.layout import Layout, parquet_files, rows_pattern
 from kb.store.rawlog import rawlog
 from kb.store.state import json_files
-from kb.store.tables import checksums
+from kb.store.tables import checksums, parquet
 from kb.store.tables.checksums import FileEntry
 from kb.store.tables.parquet import content_digest
 
@@ -143,7 +142,7 @@ def write(place: Path, manifest: Manifest) -> None:
 
 def entry_of(file: Path) -> FileEntry:
     """A file as it is now."""
-    rows = pq.read_metadata(file).num_rows if file.suffix == ".parquet" else None
+    rows = parquet.read_footer(file).num_rows if file.suffix == ".parquet" else None
     return FileEntry(file.stat().st_size, checksums.digest(file), rows)
 
 

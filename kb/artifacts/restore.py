@@ -23,7 +23,6 @@ from typing import Any, NamedTuple, Protocol, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import SettingError
@@ -158,7 +157,7 @@ class RestoreFolder:
         for one in self.tables:
             files = parquet_files(self.path / one.declared.short)
             with reading(files):
-                sums[one.declared.short] = sum(pq.read_metadata(path).num_rows for path in files)
+                sums[one.declared.short] = sum(parquet.read_footer(path).num_rows for path in files)
         return sums
 
     def buckets(self, expected: int) -> int:

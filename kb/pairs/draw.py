@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 
 from kb.artifacts import freshness, table_catalog
 from kb.core.context import Run
-from kb.core.errors import FatalError, UsageError
+from kb.core.errors import DamagedData, FatalError, UsageError
 from kb.core.installation import np
 from kb.core.summary import Summary
 from kb.pairs import seeded_random
@@ -264,9 +264,9 @@ def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
 def with_ids(given: Path) -> Path:
     """The file, if it has the ids of pairs. Raises UsageError."""
     try:
-        if "pair_id" in pq.read_schema(given).names:
+        if "pair_id" in parquet.read_schema(given).names:
             return given
-    except (OSError, pa.ArrowInvalid):
+    except DamagedData:
         pass
     raise UsageError(
         f"--pairs {given} is not a Parquet file with a column pair_id",

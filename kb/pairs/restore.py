@@ -12,7 +12,6 @@ from typing import cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.artifacts import domain_binding, manifest
 from kb.artifacts.restore import WantedContent
@@ -82,7 +81,7 @@ class TextRestore:
         """As `RestoreJob.plan`. Raises DamagedData."""
         files = [path for one in self.content.of("pairs") for path in one.shards("pairs")]
         with reading(files):
-            rows = sum(pq.read_metadata(path).num_rows for path in files)
+            rows = sum(parquet.read_footer(path).num_rows for path in files)
         return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)] * self.wanted)
 
     def restore(self) -> Summary:
@@ -179,7 +178,7 @@ def _read(index: Path) -> pa.Table:
         )
     schema = table("pairs/pairs").arrow(released=True)
     with opening(index, pa.ArrowInvalid):
-        schemas = [pq.read_schema(file) for file in files]
+        schemas = [parquet.read_schema(file) for file in files]
         lacking = [
             field.name
             for field in schema

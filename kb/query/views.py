@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import duckdb
-import pyarrow.parquet as pq
 
 from kb.artifacts import manifest
 from kb.artifacts.release_folder import read_tombstones
@@ -20,7 +19,7 @@ from kb.query.limits import Limits
 from kb.query.remote_duckdb import RemoteFiles, reading_views
 from kb.store.damage import opening
 from kb.store.state.tombstones import PERSON
-from kb.store.tables import database
+from kb.store.tables import database, parquet
 from kb.store.tables.reading import escaped, reading, scan
 from kb.store.tables.remote_files import reading_at
 
@@ -113,7 +112,7 @@ def catalog(views: Iterable[View]) -> list[ViewInfo]:
             rows, columns = table.num_rows, table.num_columns
         else:
             with reading(view.files):
-                footers = [pq.read_metadata(path) for path in view.files]
+                footers = [parquet.read_footer(path) for path in view.files]
             columns = len(footers[0].schema.to_arrow_schema())
             rows = sum(footer.num_rows for footer in footers)
         listing.append(ViewInfo(view.schema, view.name, rows, columns, view.doc))

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 import duckdb
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb import query
 from kb.artifacts.release_folder import read_tombstones
@@ -177,8 +176,8 @@ class TableView(RowSet):
         if self._is_list or self.view.remote is not None:
             return self.dataset.schema
         with reading(self.view.files):
-            pq.read_metadata(self.view.files[0])
-            return pq.read_schema(self.view.files[0])
+            parquet.read_footer(self.view.files[0])
+            return parquet.read_schema(self.view.files[0])
 
     @with_hints
     def to_table(
@@ -211,7 +210,7 @@ class TableView(RowSet):
         with self._reading():
             if self._is_list or self.view.remote is not None:
                 return int(self.dataset.count_rows())
-            return sum(pq.read_metadata(path).num_rows for path in self.view.files)
+            return sum(parquet.read_footer(path).num_rows for path in self.view.files)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):

@@ -19,7 +19,6 @@ from typing import Any
 import duckdb
 import msgspec
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb import __version__
 from kb.artifacts.release_folder import ReleaseFolder
@@ -65,7 +64,7 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
     parquet.check(before)
     hint = "remove it; changes since that version will be unknown"
     with opening(before, pa.ArrowException, duckdb.Error, ValueError, hint=hint):
-        recorded = json.loads((pq.read_schema(before).metadata or {}).get(_ABOUT, b"{}"))
+        recorded = json.loads((parquet.read_schema(before).metadata or {}).get(_ABOUT, b"{}"))
         with database.asking() as con:
             con.register("now", _keys(folder))
             counted = con.execute(

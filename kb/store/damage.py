@@ -6,13 +6,12 @@ with opening(path, ValueError):         # what a library says of a broken file b
 """
 
 import contextlib
-import os
-import stat
 from collections.abc import Iterator, Sequence
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from kb.core.errors import DamagedData
+from kb.core.regular_file import NotRegular, open_regular
 from kb.store.artifact_registry import SUMS, artifact_of
 from kb.store.exhausted import is_out_of_memory
 from kb.store.layout import Layout
@@ -64,24 +63,21 @@ def opening(path: object, *kinds: type[Exception], hint: str = "") -> Iterator[N
         raise unreadable(path, error, hint) from error
 
 
-@contextlib.contextmanager
-def regular(path: Path, hint: str = "", *, links: bool = True) -> Iterator[BinaryIO]:
-    """A file to read. A pipe or a device is not waited for. Raises DamagedData where it is none, or
-    without `links` where it is a link.
+def open_file(path: Path, hint: str = "") -> BufferedReader:
+    """A file of a data root, open for reading. Raises DamagedData for what is no regular file or a
+    link to one, OSError where nothing is.
     """
-    flags = os.O_RDONLY | os.O_NONBLOCK | (0 if links else os.O_NOFOLLOW)
-    descriptor = os.open(path, flags)
-    with os.fdopen(descriptor, "rb") as file:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise unreadable(path, "it is not a file but a pipe, a device or a folder", hint)
-        yield file
+    try:
+        return open_regular(path)
+    except NotRegular as error:
+        raise unreadable(path, error, hint) from None
 
 
 def short_lines(path: Path, hint: str = "") -> Iterator[bytes]:
     """The lines of a file of a stranger's folder: no link, and at most LINE bytes in a line. Raises
     DamagedData.
     """
-    with opening(path, hint=hint), regular(path, hint, links=False) as file:
+    with opening(path, hint=hint), open_regular(path, links=False) as file:
         while line := file.readline(LINE + 1):
             if len(line) > LINE:
                 raise unreadable(path, f"a line has more than {LINE:,} bytes", hint)
@@ -92,7 +88,7 @@ def read_small(path: Path, hint: str = "") -> bytes:
     """A file of a stranger's folder as a whole: no link, and at most SMALL bytes. Raises
     DamagedData.
     """
-    with opening(path, hint=hint), regular(path, hint, links=False) as file:
+    with opening(path, hint=hint), open_regular(path, links=False) as file:
         data = file.read(SMALL + 1)
     if len(data) > SMALL:
         raise unreadable(path, f"it has more than {SMALL:,} bytes", hint)

@@ -28,7 +28,6 @@ from typing import Any, NamedTuple
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.artifacts.restore import FAILED, MISSING, WORK, WantedContent
 from kb.core.config.profile import DEFAULT, load_profile
@@ -307,7 +306,7 @@ def _load(out: Path) -> Done:
         return Done()
     try:
         names = [one.declared.short for one in tables.TABLES]
-        missing = pq.read_metadata(out / MISSING).num_rows
+        missing = parquet.read_footer(out / MISSING).num_rows
         counts = tables.folder_of(out).counts() | {MISSING: missing}
         if counts == done.counts and all(parquet_files(out / name) for name in names):
             return done

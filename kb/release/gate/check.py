@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import duckdb
-import pyarrow.parquet as pq
 from pydantic import ValidationError
 
 from kb.artifacts import release_folder
@@ -26,7 +25,7 @@ from kb.release.gate.tables import numbered
 from kb.release.metadata.measure import folder_licence, licences
 from kb.release.metadata.zenodo import Document
 from kb.store.artifact_registry import SUMS
-from kb.store.tables import database
+from kb.store.tables import database, parquet
 from kb.store.tables.checksums import digest
 
 _COLUMNS = (
@@ -197,7 +196,7 @@ def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
         )
         return [GateProblem("licence", where, what)]
     problems = []
-    main = sum(pq.read_metadata(shard).num_rows for shard in folder.shards(of.main))
+    main = sum(parquet.read_footer(shard).num_rows for shard in folder.shards(of.main))
     if named and (unnamed := main - sum(named.values())):
         what = f"{unnamed:,} rows name no licence, though others do; run `kb wiki crawl --again`"
         problems.append(GateProblem("licence", f"{folder.source}/pages", what))

@@ -10,7 +10,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
 from duckdb import DuckDBPyConnection
 
 from kb.artifacts import manifest
@@ -274,7 +273,9 @@ def _ways(con: DuckDBPyConnection, root: Path, source: str) -> Iterator[Way]:
 
 def _table(con: DuckDBPyConnection, part: ReleasedTable) -> TableFacts:
     files = tuple(
-        DataFile(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard))
+        DataFile(
+            shard.name, shard.stat().st_size, parquet.read_footer(shard).num_rows, digest(shard)
+        )
         for shard in part.shards
     )
     released = [column for column in part.table.columns if column.released]
@@ -371,4 +372,4 @@ def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[s
 
 
 def _count(folder: Path) -> int:
-    return sum(pq.read_metadata(file).num_rows for file in parquet_files(folder))
+    return sum(parquet.read_footer(file).num_rows for file in parquet_files(folder))

@@ -24,6 +24,7 @@ from kb.core.errors import DamagedData
 from kb.net import redact
 from kb.schema.decode import holdable
 from kb.store.atomic import append, sync_folder
+from kb.store.damage import open_file
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import Layout
 
@@ -118,7 +119,7 @@ class Frames:
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
         at = self.good
-        with self.path.open("rb") as file:
+        with open_file(self.path) as file:
             for start, end, line in intact_frames(file, at):
                 if self._checked and not _is_envelope(line):
                     continue

@@ -5,6 +5,7 @@ from typing import Any, TypeVar, overload
 
 import msgspec
 
+from kb.core.regular_file import NotRegular, read_regular
 from kb.store.damage import unreadable
 
 Note = TypeVar("Note")
@@ -21,8 +22,8 @@ def read(path: Path, kind: Any, *, fix: str = "") -> Any:
     the artifact's own hint says.
     """
     try:
-        return msgspec.json.decode(path.read_bytes(), type=kind)
+        return msgspec.json.decode(read_regular(path), type=kind)
     except FileNotFoundError:
         return None
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, IsADirectoryError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, NotRegular) as error:
         raise unreadable(path, error, fix) from None

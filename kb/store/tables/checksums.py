@@ -9,9 +9,7 @@ process. Files without a record are read as they are.
 """
 
 import hashlib
-import os
 import re
-import stat
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -20,8 +18,9 @@ from pathlib import Path
 import msgspec
 
 from kb.core.errors import DamagedData
+from kb.core.regular_file import NotRegular, check_regular, open_regular
 from kb.store.artifact_registry import SUMS, artifact_of
-from kb.store.damage import read_small, regular, unreadable
+from kb.store.damage import read_small, unreadable
 
 MISMATCH = "checksum mismatch"
 _LINE = re.compile(r"([0-9a-f]{64})  ([^/]+)")
@@ -52,9 +51,11 @@ _verified: set[_Stamp] = set()  # files that this process has read in full
 
 
 def digest(path: Path, algorithm: str = "sha256", advance: Advance | None = None) -> str:
-    """Hexadecimal digest of a file; `advance` is called with the number of bytes read."""
+    """Hexadecimal digest of a file; `advance` is called with the number of bytes read. Raises
+    OSError.
+    """
     computed = hashlib.new(algorithm)
-    with regular(path) as file:
+    with open_regular(path) as file:
         while chunk := file.read(_CHUNK):
             computed.update(chunk)
             if advance is not None:
@@ -125,17 +126,18 @@ def unverified_size(paths: Iterable[Path | str]) -> int:
 def _unverified(paths: Iterable[Path | str]) -> list[_Stamp]:
     stamps = []
     for path in dict.fromkeys(map(str, paths)):
-        about = os.stat(path)  # noqa: PTH116  of many files
+        try:
+            about = check_regular(path)
+        except NotRegular as error:
+            raise unreadable(path, error) from None
         stamps.append((path, about.st_size, about.st_ino, about.st_mtime_ns))
     return [stamp for stamp in stamps if stamp not in _verified]
 
 
 def _entries(place: Path) -> dict[str, FileEntry]:
     try:
-        about = place.stat()
+        about = check_regular(place)
     except OSError:
-        return {}
-    if not stat.S_ISREG(about.st_mode):
         return {}
     return _read_entries(place, about.st_ino, about.st_size, about.st_mtime_ns)
 

@@ -13,6 +13,7 @@ from typing import IO, Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from kb.core.regular_file import check_regular
 from kb.store.damage import opening
 from kb.store.tables import checksums
 
@@ -44,6 +45,20 @@ def open_file(path: Path | str, **settings: Any) -> pq.ParquetFile:
     checksums.check(path)
     with opening(path, pa.ArrowException):
         return pq.ParquetFile(path, page_checksum_verification=True, **settings)
+
+
+def read_footer(path: Path | str) -> pq.FileMetaData:
+    """What the end of a file says of it: rows, groups and columns. Raises DamagedData."""
+    with opening(path, pa.ArrowException):
+        check_regular(path)
+        return pq.read_metadata(path)
+
+
+def read_schema(path: Path | str) -> pa.Schema:
+    """The columns of a file. Raises DamagedData."""
+    with opening(path, pa.ArrowException):
+        check_regular(path)
+        return pq.read_schema(path)
 
 
 def read_table(path: Path | str, columns: Sequence[str] | None = None) -> pa.Table:

@@ -16,8 +16,9 @@ import msgspec
 import pyarrow as pa
 
 from kb.core.errors import DamagedData
+from kb.core.regular_file import check_regular
 from kb.schema.tables import table, tables
-from kb.store.damage import unreadable
+from kb.store.damage import opening, unreadable
 from kb.store.exhausted import is_out_of_memory
 from kb.store.layout import Layout
 from kb.store.state import json_files
@@ -102,8 +103,12 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
 
 
 def scan(files: Iterable[Path | str]) -> str:
-    """SQL that reads these files and no others."""
+    """SQL that reads these files and no others. Raises DamagedData for what is no regular file."""
     paths = list(files)
+    for path in paths:
+        if "://" not in str(path):  # a file at an address (kb.query.remote_duckdb)
+            with opening(path):
+                check_regular(path)
     listed = ", ".join(literal(file) for file in paths)
     if any(str(path).endswith(".ndjson") for path in paths):  # tombstones of a release
         kinds = ", ".join(

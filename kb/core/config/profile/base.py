@@ -1,10 +1,7 @@
 """What the sections of a profile and the checks of a profile share."""
 
 import difflib
-import errno
-import os
 import re
-import stat
 import types
 import typing
 from collections.abc import Iterable
@@ -16,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
 from kb.core import terminal
+from kb.core.regular_file import read_regular
 
 # What `kb profile new` writes where only the user knows the value.
 FILL_IN = "FILL-IN"
@@ -209,14 +207,7 @@ def is_placeholder(contact: str) -> bool:
 
 
 def read_text(path: Path) -> str:
-    """The text without an editor's mark at its beginning. A pipe or a device is not waited for, and
-    at most 10 MB are read. Raises OSError, UnicodeDecodeError.
+    """The text, of at most 10 MB, without an editor's mark at its beginning. Raises OSError,
+    UnicodeDecodeError.
     """
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    with os.fdopen(descriptor, "rb") as file:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise OSError(errno.EINVAL, "it is no file but a pipe, a device or a folder", str(path))
-        data = file.read(_MOST + 1)
-    if len(data) > _MOST:
-        raise OSError(errno.EINVAL, f"it has more than {_MOST:,} bytes", str(path))
-    return data.decode("utf-8-sig")
+    return read_regular(path, _MOST).decode("utf-8-sig")
