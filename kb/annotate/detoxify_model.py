@@ -21,6 +21,7 @@ from unittest import mock
 
 from kb.annotate.checkpoint import Checkpoint, need_extra, tokenizer_files
 from kb.core.errors import MissingModel
+from kb.core.regular_file import open_regular
 from kb.store.exhausted import is_out_of_memory
 
 WINDOW = 512  # tokens that every published model reads at once
@@ -104,7 +105,7 @@ def _read(checkpoint: Checkpoint, device: str) -> Any:
     """
     import torch
 
-    with checkpoint.path.open("rb") as file:
+    with open_regular(checkpoint.path) as file:
         if hashlib.file_digest(file, "sha256").hexdigest() != checkpoint.sha256:
             raise MissingModel(
                 f"{checkpoint.path} was changed after it was verified",

@@ -20,6 +20,7 @@ import pyarrow.compute as pc
 from kb.artifacts.purge_named import KNOWN, NAMED, UNKNOWN
 from kb.artifacts.purge_rows import RowLocation
 from kb.core.errors import SettingError
+from kb.core.regular_file import read_regular
 from kb.store.state import tombstones
 from kb.store.state.tombstones import PERSON
 from kb.store.tables import parquet
@@ -74,7 +75,7 @@ class PeopleRules:
         Raises SettingError where it names nobody. No message has a word of the file, or its name.
         """
         try:
-            data = path.read_bytes()
+            data = read_regular(path)
         except OSError as error:
             why = error.strerror or type(error).__name__
             raise SettingError(f"{self.option}: the file can't be read: {why}") from None

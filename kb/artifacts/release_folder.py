@@ -161,11 +161,13 @@ def releases_below(folder: Path) -> Iterator[ReleaseFolder]:
 
 
 def entries(folder: Path) -> list[Path]:
-    """Files and links by name; hidden ones stay on this machine."""
+    """Files and links by name, also what is no regular file, which its readers refuse; hidden ones
+    stay on this machine.
+    """
     return [
         file
         for file in sorted(folder.glob("*"))
-        if not file.name.startswith(".") and (file.is_symlink() or file.is_file())
+        if not file.name.startswith(".") and (file.is_symlink() or not file.is_dir())
     ]
 
 

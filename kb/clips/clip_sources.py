@@ -21,6 +21,7 @@ from kb.clips.clip_files import CutOptions, Row, ShardReport, shard_reports
 from kb.clips.frames import Fit, UndecodableVideo, frames_at
 from kb.core.errors import UsageError
 from kb.core.installation import np
+from kb.core.regular_file import open_regular
 from kb.core.video_names import possible_ids, without_stream
 
 _ENDINGS = frozenset(
@@ -119,7 +120,7 @@ def _from_tar(path: Path, place: int, frames: int) -> Frames:
     """The clip whose files begin at this byte."""
     from PIL import Image
 
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         file.seek(place)
         with tarfile.open(fileobj=file, mode="r:") as tar:
             parts = [_content(tar) for _ in range(frames + 1)]

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from kb.core.installation import np
+from kb.core.regular_file import NotRegular, check_regular
 
 if TYPE_CHECKING:
     import av
@@ -42,6 +43,7 @@ def frames_at(
     import av  # noqa: PLC0415  belongs to the extra `clips`
 
     try:
+        check_regular(path)  # libav would read a device as well, and wait for a FIFO
         with av.open(str(path), metadata_errors="ignore") as film:
             if not film.streams.video:
                 raise UndecodableVideo("no video stream")
@@ -54,6 +56,8 @@ def frames_at(
                 if frame is not shown:
                     shown, image = frame, _fitted(frame, size, fit)
                 yield image
+    except NotRegular as error:
+        raise UndecodableVideo(str(error.strerror)) from None
     except (av.FFmpegError, ValueError) as error:
         raise UndecodableVideo(str(error)) from None
 

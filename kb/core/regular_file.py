@@ -24,8 +24,8 @@ class NotRegular(OSError):
     """A path that is no regular file where one is needed; `strerror` says what it is."""
 
 
-def open_regular(path: Path | str, *, links: bool = True) -> BufferedReader:
-    """A regular file, or with `links` a link to one, open for reading.
+def open_regular(path: Path | str, *, links: bool = True, buffering: int = -1) -> BufferedReader:
+    """A regular file, or with `links` a link to one, open for reading; `buffering` as in `open`.
 
     Raises NotRegular for anything else that is there, OSError where nothing is.
     """
@@ -36,7 +36,7 @@ def open_regular(path: Path | str, *, links: bool = True) -> BufferedReader:
     try:
         _refuse_other(path, os.fstat(descriptor).st_mode)
         os.set_blocking(descriptor, True)
-        return os.fdopen(descriptor, "rb")
+        return os.fdopen(descriptor, "rb", buffering)
     except BaseException:
         os.close(descriptor)
         raise

@@ -16,6 +16,7 @@ from typing import IO, Any, cast
 
 import msgspec
 
+from kb.core.regular_file import open_regular
 from kb.schema.decode import holdable
 
 _MARKS = (
@@ -46,9 +47,9 @@ def encoding_of(start: bytes) -> str:
 
 
 def _unpacked(path: Path) -> IO[bytes]:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         packed = file.read(2) == b"\x1f\x8b"
-    return cast("IO[bytes]", gzip.open(path)) if packed else path.open("rb")
+    return cast("IO[bytes]", gzip.open(path)) if packed else open_regular(path)
 
 
 def documents(text: str) -> Iterator[Any]:

@@ -31,6 +31,7 @@ import msgspec
 import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
+from kb.core.regular_file import open_regular, read_regular
 from kb.crawl.file_text import cells, delimiter_of, documents, opened
 from kb.schema.decode import in_batches
 from kb.store.tables import parquet
@@ -244,7 +245,7 @@ def _no_column(
 
 def is_parquet(path: Path) -> bool:
     """Whether a file is Parquet by its first bytes."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return file.read(4) == b"PAR1"
 
 
@@ -274,7 +275,7 @@ class _Described(msgspec.Struct):
 
 def _metadata(path: Path) -> Any:
     """Of a large document what describes it."""
-    return msgspec.json.decode(path.read_bytes(), type=_Described).metadata
+    return msgspec.json.decode(read_regular(path), type=_Described).metadata
 
 
 def _of_parquet(path: Path, rules: IdRules, more: Sequence[str]) -> Iterator[ListedId]:

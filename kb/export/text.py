@@ -30,6 +30,7 @@ from kb.core.context import Run
 from kb.core.engine import executor_of, map_in_order
 from kb.core.errors import FatalError, SettingError
 from kb.core.installation import require
+from kb.core.regular_file import check_regular
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.export.contacts import replaced
@@ -277,9 +278,11 @@ def _tokenizer(path: str) -> Any:
     from tokenizers import Tokenizer
 
     try:
+        check_regular(path)
         return Tokenizer.from_file(path)
     except Exception as error:  # noqa: BLE001  the library raises no other class
+        why = error.strerror if isinstance(error, OSError) else error
         raise SettingError(
-            f"--tokenizer: {path} can't be read: {error}",
+            f"--tokenizer: {path} can't be read: {why}",
             hint="name a model's tokenizer.json, as the tokenizers library writes it",
         ) from None

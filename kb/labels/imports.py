@@ -28,6 +28,7 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import FatalError, UsageError
 from kb.core.installation import np
+from kb.core.regular_file import read_regular
 from kb.core.summary import Summary, wilson_interval
 from kb.labels.questions import KINDS, NEAR_S, UNSURE, YES, Labeling, LabelQuestion
 from kb.pairs.transcripts import VIDEOS
@@ -185,7 +186,7 @@ class _Task(msgspec.Struct):
 
 def _tasks(path: Path) -> list[_Task]:
     try:
-        return msgspec.json.decode(path.read_bytes(), type=list[_Task])
+        return msgspec.json.decode(read_regular(path), type=list[_Task])
     except OSError as error:
         raise UsageError(f"{path} can't be read: {error.strerror}") from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

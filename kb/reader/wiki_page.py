@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, cast
 from kb import query
 from kb.artifacts.table_catalog import View
 from kb.core.errors import DamagedData, KbError, UsageError
+from kb.core.regular_file import read_regular
 from kb.reader import html
 from kb.reader.tables import OpenTables, QueryResult, needs, with_hints
 from kb.store.damage import DOWNLOAD, missing, opening, short_lines, unreadable
@@ -143,7 +144,7 @@ def stored_png(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
         return _member(home / tar, member), f"{home / tar}: {member}"
     file = captured_path(home, path)
     with opening(file):
-        return file.read_bytes(), str(file)
+        return read_regular(file), str(file)
 
 
 def _member(tar: Path, member: str) -> bytes:

@@ -128,7 +128,7 @@ def holders(root: Path) -> dict[str, str]:
 def _holder(path: Path) -> str:
     """Who holds a lock now, "unknown" before it has written its number; "" for nobody."""
     try:
-        descriptor = os.open(path, os.O_RDONLY)
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # of a FIFO nobody waits
     except FileNotFoundError:
         return ""
     try:

@@ -80,6 +80,9 @@ class FileVerifier:
         elif leftovers.is_left(parts):
             hint = "run `kb verify --repair` or the next command on this folder, which removes it"
             findings.foreign("leftovers", path, "is a temporary file", hint)
+        elif not path.is_file():
+            kind = "raw answers" if parts[0] == "raw" else parts[0]
+            self._foreign(kind if kind in KINDS else "other", path, "is no regular file")
         elif parts[0] == "raw":
             self._raw(path, parts)
         elif parts[0] == "state":

@@ -9,6 +9,7 @@ import msgspec
 import zstandard
 
 from kb.core.errors import DamagedData
+from kb.core.regular_file import read_regular
 from kb.store.artifact_registry import SUMS
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.rawlog import damaged_answers, rawlog, sidefiles
@@ -158,7 +159,7 @@ def _inside(path: object, folder: str) -> bool:
 
 def _sprites(folder: Path) -> list[str]:
     try:
-        packed = (folder / "extraction.json.zst").read_bytes()
+        packed = read_regular(folder / "extraction.json.zst")
         text = zstandard.ZstdDecompressor().decompressobj().decompress(packed)
         return sorted(msgspec.json.decode(text, type=_Extraction).sprites.values())
     except (OSError, zstandard.ZstdError, msgspec.DecodeError):

@@ -99,7 +99,7 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     clean = sorted(Layout(run.root).clean(source).glob("*/"))
     tables = _in_order({one.name: rows(one) for one in clean if parquet_files(one)})
     released, restored = (_schema_rows(catalog, one, source) for one in ("release", "restored"))
-    if not (state.is_file() or tables or released or restored):
+    if not (state.exists() or tables or released or restored):
         return {}
     pid = lock.holders(run.root).get(source, "")
     about: dict[str, Any] = {
@@ -116,7 +116,7 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         "units": 0,
         "quota": {},
     }
-    if state.is_file():
+    if state.exists():
         about |= _frontier(run, of, state)
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
     about["rows"] = tables

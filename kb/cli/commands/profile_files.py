@@ -27,6 +27,7 @@ from kb.core.config.profile.base import (
     OnlineAnswer,
     QuestionCost,
     is_placeholder,
+    read_text,
     worst_first,
 )
 from kb.core.config.profile.check import Checked, check_file
@@ -45,6 +46,7 @@ from kb.core.errors import (
 )
 from kb.core.installation import PROFILE_FILE
 from kb.core.installation import folder as shared
+from kb.core.regular_file import read_regular
 from kb.core.sources import SOURCES
 from kb.store import leftovers
 from kb.store.atomic import write_text
@@ -137,7 +139,7 @@ def captured_pages(root: Path) -> list[str]:
     pages = []
     for path in paths[:: max(1, -(-len(paths) // PAGES))]:
         try:
-            data = zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
+            data = zstandard.ZstdDecompressor().decompressobj().decompress(read_regular(path))
         except (OSError, zstandard.ZstdError):
             continue
         pages.append(data.decode("utf-8", "replace"))
@@ -251,7 +253,7 @@ def write_new(
 
 def _has_content(path: Path, text: str) -> bool:
     try:
-        return not path.is_symlink() and path.read_bytes() == text.encode()
+        return not path.is_symlink() and read_regular(path) == text.encode()
     except OSError:
         return False
 
@@ -296,6 +298,7 @@ def _home() -> Path:
 
 def _read_list(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     except (OSError, UnicodeDecodeError) as error:
-        raise ProfileError(f"the keyword list {path} can't be read: {error}") from None
+        why = getattr(error, "strerror", None) or error
+        raise ProfileError(f"the keyword list {path} can't be read: {why}") from None

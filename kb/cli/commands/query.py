@@ -16,6 +16,7 @@ from kb.cli.framework.command import Command, command, group
 from kb.cli.framework.messages import warn_stale
 from kb.cli.framework.options import Options
 from kb.core.errors import UsageError
+from kb.core.regular_file import read_regular
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -162,7 +163,7 @@ def _read(sql: str | None, file: Path | None) -> str:
     try:
         if file is None or str(file) == "-":
             return sys.stdin.buffer.read().decode("utf-8-sig")
-        return file.read_text(encoding="utf-8-sig")
+        return read_regular(file).decode("utf-8-sig")
     except OSError as error:
         raise UsageError(f"--file {file}: {error.strerror}", hint="check the name") from None
     except UnicodeDecodeError:

@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 
 from kb.core import signals
+from kb.core.regular_file import open_regular
 from kb.store.atomic import sync_folder, write_bytes
 from kb.store.layout import Layout
 from kb.store.leftovers import PART
@@ -60,7 +61,7 @@ def cursor_name(file: Path, since: float, until: float) -> str:
     """
     size = file.stat().st_size
     digest = hashlib.sha256(f"{file.name}\0{size}\0".encode())
-    with file.open("rb") as opened:
+    with open_regular(file) as opened:
         digest.update(opened.read(_START))
         step = max(_SAMPLE, (size - _START - _SAMPLE) // (_SAMPLES - 1))
         for at in (*range(_START, size - _SAMPLE, step), max(size - _SAMPLE, _START)):

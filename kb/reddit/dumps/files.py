@@ -32,6 +32,7 @@ import zstandard
 
 from kb.core.context import Run
 from kb.core.errors import SettingError
+from kb.core.regular_file import open_regular
 from kb.reddit.parse import answer_tree
 
 # Every chunk is searched several times, so it should fit the processor's cache (see tests/bench).
@@ -78,9 +79,9 @@ def pieces(path: Path, progress: ReadProgress) -> Iterator[bytes]:
 
     Raises SettingError for a file that is not a dump or can't be read.
     """
-    first = True
-    with path.open("rb", buffering=1 << 20) as file:
-        for piece in _reader(path)(file, progress):
+    first, read = True, _reader(path)
+    with open_regular(path, buffering=1 << 20) as file:
+        for piece in read(file, progress):
             yield piece.removeprefix(_BOM) if first else piece
             first = False
 
@@ -90,7 +91,7 @@ def memory(path: Path) -> int:
     or its first block, and a decompressed chunk.
     """
     read = _reader(path)
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         if read is _of_blocks:
             file.seek(4)
         head = file.read(_HEAD)
@@ -109,7 +110,7 @@ def memory(path: Path) -> int:
 def _reader(path: Path) -> Read:
     """What decompresses a file, by its first bytes."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             head = file.read(8)
             if head.startswith(_FRAME) or (head[1:4] == _SKIPPED and head[0] & 0xF0 == 0x50):
                 return _of_zstd

@@ -19,6 +19,7 @@ from typing import Any
 from kb.core.errors import DamagedData
 from kb.reddit.parse.answer_tree import PURGED
 from kb.store.atomic import write_bytes
+from kb.store.damage import open_file
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 
@@ -69,7 +70,7 @@ def load_key(root: Path) -> bytes:
     if read_key(root) is None:
         write_bytes(path, secrets.token_hex(32).encode(), mode=0o600)
     path.chmod(0o600)
-    key = path.read_bytes().strip()
+    key = _stored(path)
     mark = Layout(root).key_mark("reddit", key_digest(key))
     if not mark.exists():  # a new key, or one that was given anew
         write_bytes(mark, b"")
@@ -85,12 +86,17 @@ def read_key(root: Path) -> bytes | None:
         if marks or rawlog.any_answer(root, "reddit"):
             raise _not_the_key(path, "is lost")
         return None
-    key = path.read_bytes().strip()
+    key = _stored(path)
     if len(key) != 64:
         raise _not_the_key(path, "is damaged")
     if marks and Layout(root).key_mark("reddit", key_digest(key)) not in marks:
         raise _not_the_key(path, "is another key than this data root's")
     return key
+
+
+def _stored(path: Path) -> bytes:
+    with open_file(path) as file:
+        return file.read().strip()
 
 
 def key_digest(key: bytes) -> str:

@@ -18,6 +18,7 @@ from kb.artifacts.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData
+from kb.core.regular_file import read_regular
 from kb.core.sources import PUBLISHED, SOURCES, made_by, made_of
 from kb.release.folders import samples
 from kb.release.gate import GateProblem, damaged
@@ -86,7 +87,7 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
     """Problems of rows in JSON: a sample, which is a list of them, or tombstones, one a line."""
     where = f"{source}/{path.name}"
     try:
-        data = path.read_bytes()
+        data = read_regular(path)
         lines = path.suffix == ".ndjson"
         rows = [*map(orjson.loads, data.splitlines())] if lines else orjson.loads(data)
         if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):

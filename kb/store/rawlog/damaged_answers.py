@@ -19,6 +19,7 @@ import msgspec
 
 from kb.core.errors import DamagedData
 from kb.store.atomic import write_bytes, writing
+from kb.store.damage import open_file
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
@@ -307,7 +308,7 @@ def quarantine_name(path: Path, start: int, end: int) -> str:
     """
     first = name = f"{rawlog.base_name(path)}{rawlog.SUFFIX}.damaged-{start}"
     number = 1
-    with path.open("rb") as file:
+    with open_file(path) as file:
         file.seek(start)
         data = file.read(end - start)
     while (existing := path.with_name(name)).exists() and existing.read_bytes() != data:
@@ -321,7 +322,7 @@ def move_out(path: Path, stretches: Sequence[tuple[int, int, str]]) -> None:
 
     Raises DiskFull.
     """
-    with path.open("rb") as file:
+    with open_file(path) as file:
         for start, end, name in stretches:
             file.seek(start)
             write_bytes(path.with_name(name), file.read(end - start))

@@ -14,6 +14,7 @@ from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
 from kb.core.errors import DamagedData
+from kb.core.regular_file import read_regular
 from kb.store.artifact_registry import SUMS
 from kb.store.atomic import append, sync_folder, write_bytes
 from kb.store.exhausted import full_disk_is_resumable
@@ -33,7 +34,7 @@ def write_sums(folder: Path) -> None:
 def sums(folder: Path) -> dict[str, str]:
     """File name → digest as SHA256SUMS says, {} where there is none or it can't be read."""
     try:
-        text = (folder / SUMS).read_text(encoding="utf-8")
+        text = read_regular(folder / SUMS).decode()
     except (OSError, UnicodeDecodeError):
         return {}
     return parsed(text)[0]

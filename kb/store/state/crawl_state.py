@@ -24,6 +24,7 @@ import msgspec
 
 from kb.core import clock
 from kb.core.errors import DamagedData, FatalError
+from kb.core.regular_file import NotRegular, check_regular
 from kb.store.atomic import writing
 from kb.store.exhausted import as_disk_full, disk_full
 
@@ -62,11 +63,21 @@ UNREADABLE = (msgspec.DecodeError, TypeError, RecursionError, UnicodeDecodeError
 
 
 def connect(path: Path, *, readonly: bool = False) -> sqlite3.Connection:
-    """Open or make the file, for several threads under a lock of the caller's own."""
+    """Open or make the file, for several threads under a lock of the caller's own. Raises
+    DamagedData where it or a file of its log is none.
+    """
     if not readonly and not path.exists():
         # A log without its file belongs to one that was moved away: it would fill the new one.
         for suffix in ("-wal", "-shm"):
             path.with_name(path.name + suffix).unlink(missing_ok=True)
+    for suffix in ("", "-wal", "-shm"):  # SQLite would wait for a FIFO
+        try:
+            check_regular(f"{path}{suffix}")
+        except FileNotFoundError:
+            continue
+        except NotRegular as error:
+            why = f"the state {error.filename} can't be read: {error.strerror}"
+            raise DamagedData(why, hint=REBUILT) from None
     name = f"{path.absolute().as_uri()}?mode={'ro' if readonly else 'rwc'}"
     return sqlite3.connect(
         name, uri=True, check_same_thread=False, timeout=30, isolation_level=None

@@ -18,7 +18,7 @@ from pathlib import Path
 import msgspec
 
 from kb.core.errors import DamagedData
-from kb.core.regular_file import NotRegular, check_regular, open_regular
+from kb.core.regular_file import NotRegular, check_regular, open_regular, read_regular
 from kb.store.artifact_registry import SUMS, artifact_of
 from kb.store.damage import read_small, unreadable
 
@@ -149,6 +149,6 @@ def _read_entries(place: Path, *_stamp: int) -> dict[str, FileEntry]:
         if place.name == SUMS:
             lines = parsed(read_small(place).decode())[0]
             return {name: FileEntry(sha256=value) for name, value in lines.items()}
-        return msgspec.json.decode(place.read_bytes(), type=_Files).files
+        return msgspec.json.decode(read_regular(place), type=_Files).files
     except (OSError, DamagedData, UnicodeDecodeError, msgspec.DecodeError, RecursionError):
         return {}  # whoever reads the manifest itself says so

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import zstandard
 
+from kb.core.regular_file import read_regular
 from kb.schema.tables import table
 from kb.schema.wiki_page import is_outermost
 from kb.store.layout import BELOW, Layout, parquet_files
@@ -36,7 +37,7 @@ def read_extraction(root: Path, folder: Path) -> dict[str, Any]:
     """
     path = folder / _FILE
     try:
-        text = zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
+        text = zstandard.ZstdDecompressor().decompressobj().decompress(read_regular(path))
         content: dict[str, Any] = msgspec.json.decode(text)
     except (OSError, zstandard.ZstdError, msgspec.DecodeError) as error:
         damage = sidefiles.lost(root, "wiki", [path])

@@ -23,6 +23,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core import clock
+from kb.core.config.profile.base import read_text
 from kb.core.config.profile.check import key_lines, line_of
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
@@ -140,7 +141,7 @@ def no_channel(run: Run, unproductive: Collection[str], channels: int) -> FatalE
 def _line(path: Path) -> str:
     """Where the keywords stand in a profile, as ", line 8"."""
     try:
-        lines = key_lines(path.read_text(encoding="utf-8"))
+        lines = key_lines(read_text(path))
     except OSError:
         return ""
     return f", line {line_of(lines, 'youtube.keywords')}"

@@ -18,13 +18,14 @@ import msgspec
 
 from kb.core import clock, signals
 from kb.core.context import Run
-from kb.core.errors import DamagedData, FatalError, KbError, LimitReached, SettingError
+from kb.core.errors import FatalError, KbError, LimitReached, SettingError
 from kb.core.progress import Task
+from kb.core.regular_file import open_regular, read_regular
 from kb.core.summary import Summary
 from kb.crawl.file_text import text_of
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
-from kb.store.damage import SMALL, regular
+from kb.store.damage import SMALL
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
 from kb.store.state import tombstones
@@ -184,7 +185,7 @@ class _Import:
                 return
             if about.st_size > most:
                 raise ValueError(f"it has more than {most:,} bytes")
-            data = Path(entry.path).read_bytes()
+            data = read_regular(entry.path)
             made = list(take(data, params, _time(about)))
         except OSError as error:
             self._leave_out(UNREADABLE, name, error.strerror or "")
@@ -398,8 +399,8 @@ def _with_cues(form: str, data: bytes) -> str:
 def _video_beside(path: Path, stem: str) -> dict[str, Any] | None:
     """The video in the info.json of the same name; None where there is none."""
     try:
-        with regular(path.with_name(f"{stem}{info.INFO}")) as file:
+        with open_regular(path.with_name(f"{stem}{info.INFO}")) as file:
             videos, _ = info.read(file.read(LARGEST))
-    except (OSError, ValueError, DamagedData):
+    except (OSError, ValueError):
         return None
     return videos[0] if len(videos) == 1 else None

@@ -123,7 +123,8 @@ def left_out_as(name: str) -> str | None:
 
 
 def walk(folder: Path, others: Collection[str] = ()) -> Iterator[os.DirEntry[str]]:
-    """Every file below a folder, as the disk lists them: no folder is held in memory.
+    """Every file below a folder, as the disk lists them: no folder is held in memory. What is
+    neither file nor folder, such as a FIFO, comes with them: whoever opens it says so.
 
     Links to folders are not followed. A folder below it that can't be read is passed over, as one
     of `others` (resolved) is.
@@ -136,7 +137,7 @@ def walk(folder: Path, others: Collection[str] = ()) -> Iterator[os.DirEntry[str
                     if entry.is_dir(follow_symlinks=False):
                         if not others or os.path.realpath(entry.path) not in others:
                             waiting.append(entry.path)
-                    elif entry.is_file():
+                    elif not entry.is_dir():
                         yield entry
         except (PermissionError, FileNotFoundError):
             continue
