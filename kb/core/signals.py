@@ -1,7 +1,12 @@
-"""SIGINT and SIGTERM: the item in hand is finished, then the run ends resumable (exit 3)."""
+"""SIGINT and SIGTERM: the item in hand is finished, then the run ends resumable (exit 3). What
+SIGTERM does not end within END_S is ended without: nothing is lost, as by SIGKILL.
+"""
 
 import contextlib
+import os
 import signal
+import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -12,6 +17,7 @@ from kb.core.errors import Interrupted
 BOTH = (signal.SIGINT, signal.SIGTERM)
 Handler = Callable[[int, Any], Any]
 _STEP_S = 1.0  # seconds until a signal is heard at the latest
+END_S = 4.0  # seconds from SIGTERM in which a command may finish the item in hand
 
 
 class Stop:
@@ -84,3 +90,31 @@ def stop_on_signals() -> Iterator[Stop]:
             yield stop
         finally:
             stop.clear()
+
+
+def leave(number: int, frame: object = None) -> None:
+    """End the program at once, resumable, without raising: an exception in the middle of an import
+    may end up anywhere.
+    """
+    name = signal.Signals(number).name
+    if "--json" in sys.argv:
+        os.write(1, f'{{"stopped": "stopped by {name}"}}\n'.encode())
+    os.write(2, f"kb: stopped by {name}; run the same command to resume\n".encode())
+    os._exit(3)
+
+
+def end_in_time() -> None:
+    """From now on SIGTERM ends the program within END_S, also where its handler can't be called:
+    Python calls it between two lines, and a library may be in one for minutes.
+    """
+    heard, told = socket.socketpair()
+    told.setblocking(False)
+    signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
+
+    def watch(heard: socket.socket, _: socket.socket) -> None:  # which stay open with it
+        while signal.SIGTERM not in heard.recv(64):
+            pass
+        time.sleep(END_S)
+        leave(signal.SIGTERM)
+
+    threading.Thread(target=watch, args=(heard, told), name="end-in-time", daemon=True).start()

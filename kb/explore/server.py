@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
+import threading
 import webbrowser
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,6 +16,7 @@ from kb.core.errors import SettingError
 from kb.core.installation import require
 
 REQUEST_S = 15.0  # in which a whole request has to come
+LAST_S = 2.5  # for the answers in hand, once a signal has come
 
 
 def serve(
@@ -48,8 +51,16 @@ def serve(
     first()
     address = f"http://{HOST}:{listening.getsockname()[1]}/"
 
+    ending = threading.Timer(LAST_S, os._exit, (0,))
+    ending.daemon = True
+
     class Announced(uvicorn.Server):  # type: ignore[misc]  # read without its types
-        """Tells the address once requests are answered."""
+        """Tells the address once requests are answered, and ends soon after a signal."""
+
+        async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+            # Threads that make pages can't be ended, and none of them writes anything.
+            ending.start()
+            await super().shutdown(sockets)
 
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
@@ -79,5 +90,8 @@ def serve(
         access_log=False,
         lifespan="off",
     )
-    with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C and SIGTERM are how it ends
-        Announced(config).run(sockets=[listening])
+    try:
+        with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C and SIGTERM are how it ends
+            Announced(config).run(sockets=[listening])
+    finally:
+        ending.cancel()

@@ -23,6 +23,7 @@ from pydantic_settings import (
 from kb.core import clock, terminal
 from kb.core.config.addresses import is_contact, root_of
 from kb.core.errors import MissingCredential, SettingError
+from kb.core.regular_file import check_regular
 
 _log = logging.getLogger("kb.settings")
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
@@ -238,6 +239,8 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
     """
     given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
     try:
+        if dotenv and Path(".env").is_fifo():  # the library would wait for it
+            check_regular(".env")
         settings = Settings(_env_file=".env" if dotenv else None, **given)
     except ValidationError as error:
         wrong = []

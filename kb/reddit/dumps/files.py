@@ -421,7 +421,7 @@ def _below(folder: Path, root: Path) -> Iterator[Path]:
             if not name.startswith(".") and Path(place, name).resolve() != root
         )
         for name in sorted(names):
-            if not name.startswith(".") and Path(place, name).is_file():
+            if not name.startswith("."):
                 yield Path(place, name)
 
 
