@@ -23,6 +23,7 @@ from typing import Any
 from kb.core.config.settings import Settings
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.installation import cache_root, install_extra
+from kb.core.regular_file import NotRegular, check_regular
 from kb.store.tables import checksums
 from kb.store.tables.reading import SANDBOX_MODEL
 
@@ -104,10 +105,16 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
         raise MissingModel(
             f"KB_TOXICITY_MODEL names a folder: {path}", hint="name the checkpoint file in it"
         )
-    if not path.is_file():
+    try:
+        check_regular(path)
+    except NotRegular as error:
+        raise MissingModel(
+            f"{path} can't be read: {error.strerror}", hint="name a checkpoint file"
+        ) from None
+    except OSError:
         raise MissingModel(
             f"there is no checkpoint {path}", hint="see KB_TOXICITY_MODEL, or run `kb models fetch`"
-        )
+        ) from None
     expected = _known_digests(path, settings.kb_toxicity_sha256)
     digest = _verify(path, expected, "download the file again")
     if not expected and digest not in KNOWN:
