@@ -29,7 +29,7 @@ def _leave(number: int, frame: object) -> None:
     """Without raising: an exception in the middle of an import may end up anywhere."""
     name = signal.Signals(number).name
     if "--json" in sys.argv:
-        os.write(1, f'{{"stopped": "stopped by {name}"}}\n'.encode())
+        os.write(1, f'{{"stopped": "stopped by {name}", "waits_for": "next run"}}\n'.encode())
     os.write(2, f"kb: stopped by {name}; run the same command to resume\n".encode())
     os._exit(3)
 
