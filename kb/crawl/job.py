@@ -6,18 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.context import Run
-from kb.core.errors import GLOBAL_STOPS, KbError, NothingRead, Stopped, severity
+from kb.core.errors import GLOBAL_STOPS, KbError, LimitReached, NothingRead, Stopped, severity
 from kb.core.source import Source
 from kb.core.summary import Summary
 from kb.crawl.connector import Connector, Phase
 from kb.crawl.limits import upstream
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession, open_session
+from kb.net import redact
 
 Summarize = Callable[[CrawlSession, Loop], Summary]
 
 
 ASKED = "asked"  # cursor: Connector.asked of the newest crawl
+STOPPED = "stopped"  # cursor: what a service stopped the newest run for, and what it waits for
 
 
 def work(
@@ -45,7 +47,11 @@ def work(
             check_read(connector, loop)
         except KbError as error:
             error.summary = summarize(session, loop)
+            if isinstance(error, Stopped) and not isinstance(error, (LimitReached, *GLOBAL_STOPS)):
+                note = {"stopped": redact.text(str(error)), "waits_for": error.waits_for}
+                session.frontier.set_cursor(STOPPED, note)
             raise
+        session.frontier.set_cursor(STOPPED, None)
         return summarize(session, loop)
 
 
