@@ -1,5 +1,5 @@
 # The front door. Each target calls the `kb` command of the same name; options go in ARGS="--limit 100".
-# .ci/kb takes exit code 3 (stopped early, resumable) for success, so that targets can be chained.
+# .ci/kb takes exit code 3 (stopped early, passes with time) for success, so that targets can be chained.
 # Works from any folder (make -f DIR/Makefile, make -C DIR); .env and data are those of the working folder.
 ARGS ?=
 HERE := $(dir $(lastword $(MAKEFILE_LIST)))

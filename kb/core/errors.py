@@ -18,7 +18,7 @@ KbError                     exit  what follows
 │   ├── NothingKept               a filter kept no row
 │   └── ReleaseRefused            the gate found something that may not be published
 ├── Stopped                 3     it passes with time; the same command resumes
-│   ├── QuotaSpent                a quota is used up until `reset_at`
+│   ├── QuotaSpent                a quota is used up
 │   ├── Blocked                   the service limits our address for a time (429 without end)
 │   ├── LimitReached              --limit items were done
 │   ├── Interrupted               SIGINT or SIGTERM
@@ -114,30 +114,54 @@ class ReleaseRefused(FatalError):
 
 
 class Stopped(KbError):
-    """Stopped early: the same command resumes, and nobody has to act."""
+    """Stopped early: the same command resumes, and nobody has to act.
+
+    `until`: from when on it may resume (UTC), if known.
+    """
 
     exit_code = 3
+    needs = "next run"  # what the same command waits for
+
+    def __init__(self, message: str, *, hint: str = "", until: datetime | None = None) -> None:
+        super().__init__(message, hint=hint)
+        self.until = until
+
+    @property
+    def waits_for(self) -> str:
+        """What the same command waits for: "quota until 2026-11-21T08:00:00Z", "disk space"."""
+        return f"{self.needs} until {self.until:%Y-%m-%dT%H:%M:%SZ}" if self.until else self.needs
 
 
 class ActionNeeded(Stopped):
     """Stopped early: the same command resumes after somebody has acted, as `hint` says."""
 
     exit_code = 4
+    needs = "person"
 
 
 class QuotaSpent(Stopped):
-    """A quota is used up. `reset_at` is when the service gives new units (UTC), if known."""
+    """A quota is used up. `until` is when the service gives new units."""
 
-    def __init__(self, message: str, *, hint: str = "", reset_at: datetime | None = None) -> None:
-        super().__init__(message, hint=hint)
-        self.reset_at = reset_at
+    needs = "quota"
 
 
 class Blocked(Stopped):
-    """The service limits us for a time. Never a fact about an item."""
+    """The service limits us for a time. Never a fact about an item.
 
-    def __init__(self, message: str, *, hint: str = "", after: float | None = None) -> None:
-        super().__init__(message, hint=hint)
+    `after`: the seconds that --wait sleeps; None where to wait does not help.
+    """
+
+    needs = "service"
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        hint: str = "",
+        after: float | None = None,
+        until: datetime | None = None,
+    ) -> None:
+        super().__init__(message, hint=hint, until=until)
         self.after = after
 
 
@@ -150,13 +174,19 @@ class Challenged(ActionNeeded):
 class Untrusted(ActionNeeded):
     """The certificate of a service is not trusted by this machine."""
 
+    needs = "certificate"
+
 
 class Unreachable(ActionNeeded):
     """No connection to the service, or it answers with server errors only."""
 
+    needs = "connection"
+
 
 class DiskFull(ActionNeeded):
     """No room to write; nothing half-written was left behind."""
+
+    needs = "disk space"
 
 
 class LimitReached(Stopped):
@@ -165,6 +195,21 @@ class LimitReached(Stopped):
 
 class Interrupted(Stopped):
     """SIGINT or SIGTERM: the item in hand was finished."""
+
+
+TURNED_AWAY = (Blocked, Challenged)  # by the service, whatever the item was
+GLOBAL_STOPS = (DiskFull, Interrupted)  # they concern every part of a command
+
+
+def severity(error: KbError) -> tuple[bool, bool, bool]:
+    """Sorts errors that ended parts of one command: what failed, what waits for somebody, what
+    passes with time, `--limit`. The first decides the exit code.
+    """
+    return (
+        isinstance(error, Stopped),
+        not isinstance(error, ActionNeeded),
+        isinstance(error, LimitReached),
+    )
 
 
 class ItemError(KbError):

@@ -98,7 +98,7 @@ def leave(number: int, frame: object = None) -> None:
     """
     name = signal.Signals(number).name
     if "--json" in sys.argv:
-        os.write(1, f'{{"stopped": "stopped by {name}"}}\n'.encode())
+        os.write(1, f'{{"stopped": "stopped by {name}", "waits_for": "next run"}}\n'.encode())
     os.write(2, f"kb: stopped by {name}; run the same command to resume\n".encode())
     os._exit(3)
 

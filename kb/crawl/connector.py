@@ -90,7 +90,7 @@ class Opened:
         return False
 
     def check(self, service: str) -> None:
-        """Call before a request. Raises Blocked when another thread was blocked."""
+        """Call before a request. Raises Blocked or Challenged when another thread met it."""
 
     def sleep(self, service: str, seconds: float) -> None:
         """Wait between two attempts. Raises what ended the service meanwhile, and Interrupted."""

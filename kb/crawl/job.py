@@ -6,18 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.context import Run
-from kb.core.errors import Interrupted, KbError, NothingRead, Stopped
+from kb.core.errors import GLOBAL_STOPS, KbError, LimitReached, NothingRead, Stopped, severity
 from kb.core.source import Source
 from kb.core.summary import Summary
 from kb.crawl.connector import Connector, Phase
 from kb.crawl.limits import upstream
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession, open_session
+from kb.net import redact
 
 Summarize = Callable[[CrawlSession, Loop], Summary]
 
 
 ASKED = "asked"  # cursor: Connector.asked of the newest crawl
+STOPPED = "stopped"  # cursor: what a service stopped the newest run for, and what it waits for
 
 
 def work(
@@ -45,7 +47,11 @@ def work(
             check_read(connector, loop)
         except KbError as error:
             error.summary = summarize(session, loop)
+            if isinstance(error, Stopped) and not isinstance(error, (LimitReached, *GLOBAL_STOPS)):
+                note = {"stopped": redact.text(str(error)), "waits_for": error.waits_for}
+                session.frontier.set_cursor(STOPPED, note)
             raise
+        session.frontier.set_cursor(STOPPED, None)
         return summarize(session, loop)
 
 
@@ -116,23 +122,28 @@ class Parts:
         self._stopped: list[NothingRead | Stopped] = []
 
     def take(self, job: Callable[..., Summary], *args: Any, **options: Any) -> None:
-        """Run one job. Raises what `job` raises, except that only Interrupted ends the command."""
+        """Run one job. Raises what `job` raises, but NothingRead and stops of its own service only
+        at the end.
+        """
         done: Mapping[str, Any]
+        ended = False
         try:
             done = job(*args, **options)
-        except Interrupted:
-            raise
         except (NothingRead, Stopped) as error:
             done = error.summary or {}
             self._stopped.append(error)
+            ended = isinstance(error, GLOBAL_STOPS)
         for name in self.added:
             if done.get(name):
                 self.summary[name] = self.summary.get(name, 0) + done[name]
         self.summary |= {name: done[name] for name in self._rows if name in done}
+        if ended:
+            self.finish()
 
     def finish(self) -> Summary:
-        """The summary of all jobs. Raises the first NothingRead or Stopped with that summary."""
+        """The summary of all jobs. Raises the worst NothingRead or Stopped with that summary."""
         if self._stopped:
-            self._stopped[0].summary = self.summary
-            raise self._stopped[0]
+            worst = min(self._stopped, key=severity)
+            worst.summary = self.summary
+            raise worst
         return self.summary

@@ -66,8 +66,8 @@ def back_at(stops: Iterable[KbError]) -> datetime | None:
     """When the first of the stops ends; None when none of them has an end."""
     times = []
     for stop in stops:
-        if isinstance(stop, QuotaSpent) and stop.reset_at is not None:
-            times.append(stop.reset_at)
+        if isinstance(stop, QuotaSpent) and stop.until is not None:
+            times.append(stop.until)
         elif isinstance(stop, Blocked) and stop.after is not None:
             times.append(clock.now() + timedelta(seconds=stop.after))
     return min(times, default=None)

@@ -12,26 +12,24 @@ import threading
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import datetime, timedelta
 
 from kb.core import clock, signals
 from kb.core.errors import (
+    GLOBAL_STOPS,
+    TURNED_AWAY,
     Blocked,
-    DiskFull,
-    Interrupted,
     ItemFinal,
-    LimitReached,
     Retryable,
     Stopped,
     Unreachable,
+    severity,
 )
 from kb.core.progress import Task
 from kb.crawl.connector import Phase
 from kb.crawl.phase_scheduler import Scheduler, Turn
 from kb.crawl.session import CrawlSession
 from kb.store.state.frontier import Item
-
-_EVERYTHING = (DiskFull, Interrupted)  # stops that concern every service
 
 
 @dataclass
@@ -105,11 +103,13 @@ class Loop:
             stopped = self._end is not None or bool(self.scheduler.stops())
             for bar in self._bars.values():
                 bar.close(stopped=stopped)
-        if self._end is not None:
+        stops = self.scheduler.stops()
+        if isinstance(self._end, Stopped):
+            stops.insert(0, self._end)
+        elif self._end is not None:
             raise self._end
-        if stops := list(self.scheduler.stops()):
-            # Errors decide the exit code before postponed work, then the first one does.
-            raise min(stops, key=lambda stop: (stop.exit_code == 3, isinstance(stop, LimitReached)))
+        if stops:
+            raise min(stops, key=severity)
 
     def _check_silent_services(self) -> None:
         """Stop for a service that is down but had too few items to show it.
@@ -230,7 +230,7 @@ class Loop:
             failure = error
         except BaseException as error:  # noqa: BLE001  kept as the reason to end
             # Another item tests whether a block is over, as one item may be refused forever.
-            refused = isinstance(error, Blocked)
+            refused = isinstance(error, TURNED_AWAY)
             self.frontier.release(phase.kind, *self._unanswered(phase, items), last=refused)
             self._stop(phase, error, len(items))
             return None
@@ -286,12 +286,14 @@ class Loop:
         """Close the phases that a stop concerns; any other error ends the run."""
         with self._changed:
             self.scheduler.give_back(phase, given_back)
-        if not isinstance(error, Stopped) or isinstance(error, _EVERYTHING):
+        if not isinstance(error, Stopped) or isinstance(error, GLOBAL_STOPS):
             self._end_all(error)
             return
-        if isinstance(error, Blocked):
+        if isinstance(error, Blocked) and error.after is not None and error.until is None:
+            error.until = clock.now() + timedelta(seconds=error.after)
+        if isinstance(error, TURNED_AWAY):
             self.session.record_block(phase.service)
-        if isinstance(error, (Blocked, Unreachable)):
+        if isinstance(error, (*TURNED_AWAY, Unreachable)):
             self.session.ended(phase.service, error)
         with self._changed:
             self.scheduler.close(phase, error)

@@ -13,7 +13,7 @@ from pathlib import Path
 from kb.artifacts import domain_binding
 from kb.core import clock
 from kb.core.context import Run
-from kb.core.errors import Blocked, Retryable
+from kb.core.errors import TURNED_AWAY, Retryable
 from kb.crawl.connector import Answer, Connector, Opened
 from kb.store import lock
 from kb.store.layout import Layout
@@ -59,9 +59,9 @@ class CrawlSession(Opened):
             self._ended.pop(service, None)
 
     def check(self, service: str) -> None:
-        """Call before a request. Raises Blocked when another thread was blocked."""
+        """Call before a request. Raises Blocked or Challenged when another thread met it."""
         why = self._ended.get(service)
-        if isinstance(why, Blocked):
+        if isinstance(why, TURNED_AWAY):
             raise why
 
     def sleep(self, service: str, seconds: float) -> None:

@@ -85,17 +85,13 @@ def blocked(what: str, after: float | None = None, *, waited: bool = False) -> B
 
     `waited`: to wait for that did not help, or would not.
     """
-    back = clock.stamp(clock.now() + timedelta(seconds=min(after or ADVICE_S, 1e9)))
+    back = clock.now() + timedelta(seconds=min(after or ADVICE_S, 1e9))
+    then = clock.stamp(back)
     if after:
-        return Blocked(
-            what,
-            hint=f"run the same command after {back}" + ("" if waited else ", or add --wait"),
-            after=after,
-        )
-    return Blocked(
-        what,
-        hint=f"it names no time; try again after {back}, or from another address",
-    )
+        hint = f"run the same command after {then}" + ("" if waited else ", or add --wait")
+    else:
+        hint = f"it names no time; try again after {then}, or from another address"
+    return Blocked(what, hint=hint, after=after, until=back)
 
 
 def backoff(number: int, after: float | None = None) -> float:

@@ -7,8 +7,10 @@ Nothing is tried again here: that is kb.net.retry's, for what `failure` and `ref
 Retryable.
 """
 
+import ssl
 import threading
 from collections.abc import Callable, Collection
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -19,7 +21,7 @@ from requests.adapters import HTTPAdapter
 from kb import __version__
 from kb.core.config.addresses import in_the_clear, is_loopback
 from kb.core.config.settings import Settings
-from kb.core.errors import FatalError, ItemFinal, KbError, Retryable
+from kb.core.errors import FatalError, ItemFinal, KbError, Retryable, SettingError, Untrusted
 from kb.net import bounded, redact
 from kb.net.retry import retry_after
 
@@ -122,9 +124,15 @@ class Door(HTTPAdapter):
     def send(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
         """One request on the wire.
 
-        Raises what `stray` makes, and what the ledger raises.
+        Raises what `stray` makes, what the ledger raises, SettingError and Untrusted.
         """
         self.check(request.url or "")
+        bundle = options.get("verify")
+        if isinstance(bundle, str) and not Path(bundle).exists():
+            raise SettingError(
+                f"there is no file of certificates {bundle}",
+                hint="correct REQUESTS_CA_BUNDLE or CURL_CA_BUNDLE",
+            )
         note = self._ledger(request) if self._ledger is not None else None
         if is_loopback(request.url or ""):
             options["proxies"] = None
@@ -136,6 +144,8 @@ class Door(HTTPAdapter):
         except BaseException as error:
             if note is not None:
                 note(type(error).__name__)
+            if problem := certificate_problem(error):
+                raise untrusted(request.url or "", problem) from None
             raise
         if note is not None:
             note(str(response.status_code))
@@ -217,6 +227,31 @@ def never_sent(error: Exception) -> bool:
             urllib3.exceptions.ProxyError,
             urllib3.exceptions.SSLError,
         ),
+    )
+
+
+def certificate_problem(error: BaseException | None) -> str:
+    """Why a certificate is not trusted, in OpenSSL's words, if that is behind an error; else ""."""
+    seen: list[BaseException] = []
+    waiting: list[object] = [error]
+    while waiting:
+        cause = waiting.pop()
+        if isinstance(cause, ssl.SSLCertVerificationError):
+            return cause.verify_message or str(cause)
+        if isinstance(cause, BaseException) and cause not in seen:
+            seen.append(cause)
+            # urllib3 and requests hand on what happened in an argument.
+            waiting += [cause.__context__, cause.__cause__, getattr(cause, "reason", None)]
+            waiting += cause.args
+    return ""
+
+
+def untrusted(url: str, problem: str) -> Untrusted:
+    """The error for a service whose certificate is not trusted."""
+    return Untrusted(
+        f"the certificate of {urlsplit(url).netloc} is not trusted: {problem}",
+        hint="check this machine's clock; if a proxy or your company signs it, name the file of its"
+        " authority in REQUESTS_CA_BUNDLE and SSL_CERT_FILE",
     )
 
 

@@ -71,7 +71,7 @@ def _is_generic(error: BaseException) -> bool:
 
 @contextlib.contextmanager
 def full_disk_is_resumable(*places: Path) -> Iterator[None]:
-    """Turn "no space left" into DiskFull (exit 3), whichever library met it.
+    """Turn "no space left" into DiskFull (exit 4), whichever library met it.
 
     `places` are the files or folders that the block writes; the one that is full is named. Use it
     around what writes, inside of what cleans up: afterwards there may be room again.

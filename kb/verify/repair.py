@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from kb.core.errors import DiskFull, Interrupted, KbError
+from kb.core.errors import GLOBAL_STOPS, KbError
 from kb.core.progress import Progress
 from kb.store import lock
 from kb.store.artifact_registry import MANIFEST, SUMS
@@ -119,7 +119,7 @@ def _tried(command: str, act: Act, note: Path | None = None) -> list[str]:
         act()
         if note is not None:
             note.unlink(missing_ok=True)
-    except (DiskFull, Interrupted):  # stops that concern every command
+    except GLOBAL_STOPS:
         raise
     except KbError as error:
         way = f"; {error.hint}" if error.hint else ""

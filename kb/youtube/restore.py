@@ -30,7 +30,7 @@ from kb.artifacts.restore import (
 from kb.core.cached_property import cached_property
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
-from kb.core.errors import Interrupted, Stopped
+from kb.core.errors import GLOBAL_STOPS, Stopped
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPart
 from kb.crawl.job import work
@@ -136,7 +136,7 @@ class VideoRestore:
                     phases=source.chosen,
                     removed=self.removed,
                 )
-            except Interrupted:
+            except GLOBAL_STOPS:
                 raise
             except Stopped as error:
                 summary |= error.summary or {}

@@ -134,11 +134,11 @@ def test_a_cut_download_goes_on_where_it_ended(run, host):
     assert ranges == [None, f"bytes={KEPT}-"]
 
 
-def test_an_unreachable_host_is_exit_3_and_keeps_the_part(run, host):
+def test_an_unreachable_host_is_exit_4_and_keeps_the_part(run, host):
     host.faults[".ckpt"] = ["cut"] + ["503"] * 4
     with pytest.raises(Unreachable) as error:
         fetch(run, published=MODEL)
-    assert error.value.exit_code == 3
+    assert error.value.exit_code == 4
     fetch(run, published=MODEL)
     assert host.requests[-1] == (MODEL.checkpoint, f"bytes={KEPT}-")
 

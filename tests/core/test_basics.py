@@ -45,7 +45,7 @@ def test_every_class_is_in_the_tree() -> None:
 
 def test_what_an_error_carries() -> None:
     moment = datetime(2026, 1, 1, tzinfo=UTC)
-    assert errors.QuotaSpent("spent", reset_at=moment).reset_at == moment
+    assert errors.QuotaSpent("spent", until=moment).until == moment
     assert str(errors.ItemFinal("not_found", "404")) == "not_found: 404"
     assert errors.Retryable("slow", after=3.0, throttled=True).throttled
     assert errors.FatalError("no", hint="do").hint == "do"

@@ -72,7 +72,7 @@ def failed(trial: Trial, base: str, way: str, disk: SmallDisk) -> harm.Ended | N
 def told(ended: harm.Ended) -> None:
     """It ends with one line."""
     lines = [line for line in ended.err.splitlines() if line.startswith("kb: ")]
-    assert (ended.code, len(lines)) == (3, 1), ended.err[-2000:]
+    assert (ended.code, len(lines)) == (4, 1), ended.err[-2000:]
     assert FULL.match(lines[0]), lines
 
 

@@ -81,7 +81,7 @@ def test_a_task_that_kills_every_worker_ends_the_run(pool):
         pool.submit(tasks.die).result()
 
 
-def test_a_wrong_address_is_exit_2_and_a_silent_one_exit_3(monkeypatch):
+def test_a_wrong_address_is_exit_2_and_a_silent_one_exit_4(monkeypatch):
     with pytest.raises(SettingError), make_executor("dask", 1, "not an address"):
         pass
     monkeypatch.setattr(dask_engine, "CONNECT_S", 1.0)
@@ -92,7 +92,7 @@ def test_a_wrong_address_is_exit_2_and_a_silent_one_exit_3(monkeypatch):
             make_executor("dask", 1, f"tcp://127.0.0.1:{nobody.getsockname()[1]}"),
         ):
             pass
-    assert error.value.exit_code == 3
+    assert error.value.exit_code == 4
 
 
 def test_without_the_extra_it_is_exit_2(monkeypatch):
@@ -223,7 +223,7 @@ def own(tmp_path, monkeypatch):
         process.wait()
 
 
-def test_a_scheduler_that_dies_is_exit_3_and_one_line(own, capfd, caplog):
+def test_a_scheduler_that_dies_is_exit_4_and_one_line(own, capfd, caplog):
     own.worker()
     with (
         pytest.raises(Unreachable, match="went away") as error,
@@ -232,7 +232,7 @@ def test_a_scheduler_that_dies_is_exit_3_and_one_line(own, capfd, caplog):
         future = pool.submit(tasks.linger, str(own.place))
         own.when_begun(lambda: own.kill("scheduler"))
         future.result()
-    assert error.value.exit_code == 3
+    assert error.value.exit_code == 4
     assert error.value.hint
     assert [record for record in caplog.records if record.name.startswith("distributed")] == []
     assert "Traceback" not in capfd.readouterr().err
@@ -250,7 +250,7 @@ def test_when_no_worker_is_left_it_says_so_once_and_ends(own, caplog, monkeypatc
         future = pool.submit(tasks.linger, str(own.place))
         own.when_begun(lambda: own.kill("worker"))
         future.result()
-    assert error.value.exit_code == 3
+    assert error.value.exit_code == 4
     assert [record.name for record in caplog.records if "no Dask worker at" in record.message] == [
         "kb.dask"
     ]
@@ -382,7 +382,7 @@ def test_the_disk_of_one_worker_that_is_full_is_named(own, tmp_path):
     ):
         pool.submit(tasks.fill_up, "/dev/full").result()
     message, _, code = describe(error.value)
-    assert code == 3
+    assert code == 4
     assert "(on the Dask worker tcp://127.0.0.1:" in message
 
 

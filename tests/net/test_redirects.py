@@ -70,7 +70,7 @@ CRAWL = ("crawl", "--limit", "1")
 @pytest.mark.parametrize(
     ("source", "path", "code"),
     [
-        ("youtube", "/youtube/v3/search", 3),
+        ("youtube", "/youtube/v3/search", 4),
         ("reddit", "/api/v1/access_token", 1),
         ("reddit", "/r/", 1),
         ("wiki", "/api.php", 1),

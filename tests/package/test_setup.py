@@ -246,6 +246,7 @@ def test_targets_take_exit_3_for_success_and_pass_others_on(checkout: Path) -> N
     for code, wanted in (
         (0, 0),
         (3, 0),
+        (4, 2),  # somebody has to act
         (1, 2),
         (2, 2),
     ):  # make itself ends with 2 when a target fails

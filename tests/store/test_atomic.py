@@ -23,7 +23,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_beside(tmp_path):
 def test_no_room_is_resumable(tmp_path):
     with pytest.raises(DiskFull) as error, writing(tmp_path / "a"):
         raise OSError(errno.ENOSPC, "No space left on device")
-    assert error.value.exit_code == 3
+    assert error.value.exit_code == 4
 
 
 def test_a_folder_takes_the_old_ones_place_whole(tmp_path):

@@ -82,7 +82,7 @@ def test_a_library_on_a_full_disk(
     disk.leave(room, files)
     with pytest.raises(DiskFull, match=rf"{disk.place}\S* has .* MB.* free") as caught:
         WRITERS[library](disk.place)
-    assert caught.value.exit_code == 3
+    assert caught.value.exit_code == 4
     disk.leave(1 << 28)
     WRITERS[library](disk.place)
     assert (disk.place / "kept").read_bytes() == b"kept"

@@ -9,17 +9,17 @@ from typing import Annotated, Any
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.messages import find_command, show
+from kb.cli.framework.messages import ending, find_command, show
 from kb.cli.framework.options import CLUSTER, Plan, pipeline
 from kb.core.context import Run
 from kb.core.errors import (
-    DiskFull,
+    GLOBAL_STOPS,
     FatalError,
-    Interrupted,
     KbError,
     NothingKept,
     SettingError,
     Stopped,
+    severity,
 )
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import Summary
@@ -114,9 +114,10 @@ def _make(
         run.progress.say(f"{name}: {', '.join(step['reasons'])}")
         try:
             _make_one(run, name)
-        except Stopped as error:
-            error.summary = summary
-            raise
+        except Stopped as error:  # a full disk, a signal, a cluster: it concerns what follows too
+            failures.append((name, error))
+            step["outcome"] = f"stopped: {error}"
+            break
         except KbError as error:
             failures.append((name, error))
             step["outcome"] = f"failed: {error}"
@@ -132,11 +133,12 @@ def _make(
         summary["made"] += 1
     if not failures:
         return summary
-    name, first = failures[0]
-    more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
-    ended = FatalError(f"{name}{more} failed: {first}", hint=first.hint)
-    ended.summary = summary
-    raise ended
+    name, worst = min(failures, key=lambda one: severity(one[1]))
+    if not isinstance(worst, Stopped):
+        more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
+        worst = FatalError(f"{name}{more} failed: {worst}", hint=worst.hint)
+    worst.summary = summary
+    raise worst
 
 
 def _make_one(run: Run, name: str) -> None:
@@ -202,9 +204,10 @@ def update(
 
     It reads again what is older than the services' terms allow, crawls what is new, purges what was
     deleted there, then builds. Only sources that this data root has crawled through a service. A
-    crawl keeps to --ids, --titles, --part and --since of the newest one, and to no --until. Where a
-    quota or limit ends a source, the others and the build go on, the exit code is 3, and the next
-    run goes on there.
+    crawl keeps to --ids, --titles, --part and --since of the newest one, and to no --until. What
+    ends one source does not keep the others and the build from going on, and the next run goes on
+    there. The exit code is 1 where something failed, else 4 where somebody has to act (such as a
+    captcha), else 3 where a quota or limit passes with time.
     """
     chosen = _crawled_sources(run, sources or [])
     if plan:
@@ -222,28 +225,30 @@ def update(
             command_: Any = find_command(step.split())
             bounds = _as_before(run, name) if crawls else {}
             done[name][step] = command_.function(as_run, **bounds)
-        except (Interrupted, DiskFull):
-            raise
         except KbError as error:
             failures.append((step, error))
+            done[name][step] = (error.summary or {}) | ending(error, str(error))
             run.progress.say(f"kb {step}: {error}")
+            if isinstance(error, GLOBAL_STOPS):
+                break
     summary = Summary(command="update", sources=done)
-    try:
-        summary |= {name: value for name, value in build(run).items() if name != "command"}
-    except (Interrupted, DiskFull):
-        raise
-    except KbError as error:
-        failures.append(("build", error))
-        summary |= {
-            name: value for name, value in (error.summary or {}).items() if name != "command"
-        }
+    if not any(isinstance(error, GLOBAL_STOPS) for _, error in failures):
+        try:
+            built: dict[str, Any] = build(run)
+        except KbError as error:
+            failures.append(("build", error))
+            built = error.summary or {}
+        summary |= {name: value for name, value in built.items() if name != "command"}
     if not failures:
         return summary
-    step, first = min(failures, key=lambda one: isinstance(one[1], Stopped))
-    kind = type(first) if isinstance(first, Stopped) else FatalError
-    ended = kind(f"kb {step}: {first}", hint=first.hint or "the next run goes on there")
-    ended.summary = summary
-    raise ended
+    step, worst = min(failures, key=lambda one: severity(one[1]))
+    message, hint = f"kb {step}: {worst}", worst.hint or "the next run goes on there"
+    if isinstance(worst, Stopped):
+        worst.args = (message,)
+    else:
+        worst = FatalError(message)
+    worst.hint, worst.summary = hint, summary
+    raise worst
 
 
 def _steps_of(source: str) -> list[str]:

@@ -18,6 +18,7 @@ from kb.core import clock
 from kb.core.source import Source
 from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
+from kb.crawl.job import STOPPED
 from kb.schema.tables import tables as declared
 from kb.store import lock
 from kb.store.layout import TOP, Layout, parquet_files
@@ -114,6 +115,8 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         "crawled_so_far": 0,
         "requests": 0,
         "units": 0,
+        "stopped": "",
+        "waits_for": "",
         "quota": {},
     }
     if state.exists():
@@ -148,6 +151,7 @@ def _frontier(run: Run, source: Source, state: Path) -> dict[str, Any]:
             "left_by": source.left_by(kinds),
             "crawled_so_far": source.crawled(frontier),
             "requests": requests,
+            **frontier.cursor(STOPPED, {}, of=dict[str, str]),
             **source.status(run, frontier),
         }
 

@@ -169,9 +169,9 @@ def check(
     show_summary(summary, options.json)
     offline = any(one.level == ERROR and not one.file.startswith("online") for one in findings)
     codes = {code for _, _, code in answers} | ({2} if offline else set())
-    code = 2 if 2 in codes else min(codes - {0}, default=0)
-    if code:
-        raise typer.Exit(code)
+    for code in (2, 1, 4, 3):  # the worst first
+        if code in codes:
+            raise typer.Exit(code)
 
 
 @command(

@@ -201,7 +201,8 @@ def ask(run: Run) -> Iterator[tuple[Finding, QuestionCost, int]]:
             raise
         except (Retryable, Stopped) as error:
             hint = error.hint or "run the same command later"
-            answer = OnlineAnswer(WARNING, "", f"no answer: {error}", hint, UNREACHABLE)
+            code = error.exit_code if isinstance(error, Stopped) else UNREACHABLE
+            answer = OnlineAnswer(WARNING, "", f"no answer: {error}", hint, code)
         except KbError as error:
             code = REFUSED if isinstance(error, CredentialRefused) else WRONG
             answer = OnlineAnswer(ERROR, "", str(error), error.hint, code)

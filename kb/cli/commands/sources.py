@@ -78,7 +78,8 @@ def youtube_crawl(
 ) -> Summary:
     """Crawl channels by keyword, their uploads, metadata and transcripts, as raw JSON.
 
-    Needs YOUTUBE_API_KEY. Stops with exit code 3 when a quota is spent; the same command resumes.
+    Needs YOUTUBE_API_KEY. Stops with exit code 3 when a quota is spent, and with 4 when somebody
+    has to act, as for a captcha; the same command resumes.
     """
     which = parse_part(part)
     if plan:

@@ -131,6 +131,8 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
         shown = [f"{reason} ({n:,})" for reason, n in failures.items()][:_SHOWN_REASONS]
         rest = ", …" if len(failures) > _SHOWN_REASONS else ""
         lines.append(f"  failed: {', '.join(shown)}{rest}")
+    if facts["stopped"]:
+        lines.append(f"  stopped: {facts['stopped']}; it waits for: {facts['waits_for']}")
     if facts["quota"] and not facts["lacks"]:
         buckets = facts["quota"].items()
         shares = [f"{name} {one['spent']:,} of {one['limit']:,}" for name, one in buckets]

@@ -1,6 +1,7 @@
 """Turns whatever ends a command into an exit code and one line on stderr.
 
-    0 done   1 failed   2 wrong usage, setting or missing part   3 stopped early, resumable
+    0 done   1 failed   2 wrong usage, setting or missing part
+    3 stopped early, passes with time   4 stopped early, somebody has to act
 
 The traceback is shown with --debug only.
 """
@@ -16,13 +17,12 @@ from typing import Any
 
 import typer
 
-from kb.cli.framework.messages import fail, show_summary
+from kb.cli.framework.messages import ending, fail, show_summary
 from kb.core import terminal
-from kb.core.errors import KbError, Stopped
+from kb.core.errors import Interrupted, KbError, Stopped
 from kb.net import redact
 from kb.store.exhausted import HINT, as_disk_full, is_out_of_memory
 
-INTERRUPTED = 3
 UNWRITABLE = "name a --data that you may write to, or change who may"
 
 
@@ -35,11 +35,11 @@ def run_to_exit_code(app: Any, words: Sequence[str] | None = None) -> int:
     except UsageProblem as error:
         return _usage_error(error)
     except typer.Abort:
-        return INTERRUPTED
+        return Interrupted.exit_code
     except Exception as error:  # noqa: BLE001  a command's module may fail to import
         return report(error, debug="--debug" in sys.argv, as_json=False)
     if code == 130:  # typer's answer to a Ctrl-C that came before the command began
-        return INTERRUPTED
+        return Interrupted.exit_code
     return code if isinstance(code, int) else 0
 
 
@@ -65,6 +65,9 @@ def report(error: BaseException, *, debug: bool, as_json: bool, places: Sequence
     if isinstance(error, BrokenPipeError):  # `kb query … | head`
         _discard_stdout()
         return 0
+    if isinstance(error, KeyboardInterrupt):
+        trace = error.__traceback__
+        error = Interrupted("stopped", hint="run the same command to resume").with_traceback(trace)
     if full := as_disk_full(error, *places):
         try:
             sys.stdout.flush()
@@ -78,8 +81,7 @@ def report(error: BaseException, *, debug: bool, as_json: bool, places: Sequence
             print(clean(redact.text(part.strip("\n"))), file=sys.stderr)
     summary = getattr(error, "summary", None)
     if summary is not None or as_json:
-        end = {("stopped" if code == INTERRUPTED else "error"): redact.text(message)}
-        show_summary({**(summary or {}), **end}, as_json)
+        show_summary({**(summary or {}), **ending(full or error, message)}, as_json)
     fail(message, hint=hint)
     return code
 
@@ -96,8 +98,6 @@ def describe(error: BaseException) -> tuple[str, str, int]:
         return f"out of memory{notes}", HINT, 1
     if isinstance(error, KbError):
         return f"{error}{notes}", error.hint, error.exit_code
-    if isinstance(error, KeyboardInterrupt):
-        return "stopped", "run the same command to resume", INTERRUPTED
     if isinstance(error, OSError) and error.filename is not None:
         hint = UNWRITABLE if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) else ""
         return f"{error.filename}: {error.strerror}{notes}", hint, 1

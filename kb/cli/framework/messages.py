@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from kb.core import terminal
+from kb.core.errors import Stopped
 from kb.net import redact
 
 if TYPE_CHECKING:  # `kb --help` loads this module
@@ -116,6 +117,13 @@ def show_list(text: str, out: Path | None, summary: Summary, as_json: bool) -> N
         print(summary.line(), file=sys.stderr)
     else:
         show_summary(summary, as_json)
+
+
+def ending(error: BaseException, message: str) -> dict[str, str]:
+    """What a summary says of the error that ended a command or one of its steps."""
+    if isinstance(error, Stopped):
+        return {"stopped": redact.text(message), "waits_for": error.waits_for}
+    return {"error": redact.text(message)}
 
 
 def show_summary(summary: dict[str, Any], as_json: bool) -> None:

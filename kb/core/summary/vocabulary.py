@@ -295,6 +295,10 @@ WORDS: dict[str, Word] = {
     "left_out": Word("Why a step of the demo was left out.", "left out: {n}"),
     "assumed": Word("Assumptions of the plan.", "assumed: {n}"),
     "stopped": Word("Why the command stopped; the same command resumes."),
+    "waits_for": Word(
+        "What it waits for: quota, service or next run (exit code 3), some with the time;"
+        " person, certificate, connection or disk space (exit code 4)."
+    ),
     "error": Word("Why the command failed."),
     # A plan.
     "phases": Word("Phases with items, requests, units, hours and gb."),

@@ -83,11 +83,13 @@ class Limiter:
         self._pace.wait()
         left = self._until - clock.monotonic()
         if left > PATIENCE_S:
-            back = clock.stamp(clock.now() + timedelta(seconds=math.ceil(left)))
+            back = clock.now() + timedelta(seconds=math.ceil(left))
             raise Blocked(
-                f"Reddit's rate limit is used up: it resets in {left:.0f} s, at {back}",
+                f"Reddit's rate limit is used up: it resets in {left:.0f} s,"
+                f" at {clock.stamp(back)}",
                 hint="run the same command then, or add --wait",
                 after=left,
+                until=back,
             )
         if left > 0:
             self._say(f"waiting {math.ceil(left)} s for Reddit's window")
@@ -158,7 +160,7 @@ class Client:
         self, method: str, path: str, params: dict[str, Any] | None, data: dict[str, Any] | None
     ) -> Any:
         """One try. Raises CredentialRefused, ItemFinal ("not_found", "forbidden" …), FatalError,
-        Retryable, Blocked.
+        Retryable, Blocked, Challenged.
 
         Through PRAW's core: its `request` turns an HTTP 400 into an exception without status.
         """

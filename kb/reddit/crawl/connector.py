@@ -257,8 +257,8 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
     the dates of posts (UTC, since included).
 
     Posts outside are skipped; a later crawl with another span or none reads them.
-    Raises LimitReached, Blocked, Unreachable, Interrupted (exit 3), CredentialRefused and
-    FatalError (exit 1); the summary so far is on the error.
+    Raises Stopped (the same command resumes), CredentialRefused and FatalError; the summary so far
+    is on the error.
     """
     source = RedditConnector(run, since, until)
     source.asked = {"since": clock.stamp(since)} if since else {}

@@ -2,7 +2,7 @@
 
 the app's credentials are refused                       CredentialRefused
 a page or a subreddit is gone, shut or barred           ItemFinal, FatalError for the subreddit
-we are turned away, for long or by what guards Reddit   Blocked
+what guards Reddit turns us away                        Challenged
 anything else about one post                            Retryable
 anything else about us                                  FatalError
 """
@@ -14,7 +14,7 @@ import prawcore.exceptions as wrong
 from kb.core.config.settings import REDDIT
 from kb.core.context import Run
 from kb.core.errors import (
-    Blocked,
+    Challenged,
     CredentialRefused,
     FatalError,
     ItemFinal,
@@ -75,9 +75,9 @@ def _of_status(response: Any, path: str) -> KbError:
         return later
     if status == 403 and b"<html" in response.content[:2_000].lower():
         # The API answers in JSON; a page comes from what guards it.
-        return Blocked(
+        return Challenged(
             "Reddit's network protection rejects requests (HTTP 403 with a page)",
-            hint="run the same command later, from a network that Reddit accepts",
+            hint="run the same command from a network that Reddit accepts",
         )
     if token:
         if status in (400, 401, 403):

@@ -49,9 +49,9 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
     """Read again what is due; with --again also what was missing.
 
     `older_than` days count instead of the profile's age (0: everything). What it found due is kept
-    until it is read, so the same command resumes. Raises MissingCredential (exit
-    2), LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command goes on) and
-    CredentialRefused, with the summary so far.
+    until it is read, so the same command resumes. Raises MissingCredential
+    before anything is sent; Stopped (the same command resumes) and CredentialRefused, with the
+    summary so far.
     """
     source = RedditRefresh(run, older_than)
     try:

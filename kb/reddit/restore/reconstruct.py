@@ -235,8 +235,7 @@ def rebuild(
     `dumps` are read instead of asking Reddit. `removed` are full names that were purged elsewhere:
     like the data root's own tombstones they are never asked for. Raises SettingError (also where
     the tables would replace other files) and MissingCredential before anything is sent (exit 2);
-    LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command resumes);
-    CredentialRefused and WriterLocked (exit 1).
+    Stopped (the same command resumes); CredentialRefused and WriterLocked (exit 1).
     """
     if dumps:
         dumps = find_dumps(run, dumps).files

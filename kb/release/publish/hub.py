@@ -30,6 +30,7 @@ from kb.core.installation import install_extra
 from kb.net import redact
 from kb.net.hub_client import use_own_client
 from kb.net.retry import retry_after
+from kb.net.session import certificate_problem, untrusted
 
 PUBLIC = "https://huggingface.co"
 KIND = "dataset"
@@ -238,6 +239,8 @@ class Hub:
             OfflineModeIsEnabled,
         )
 
+        if problem := certificate_problem(error):
+            return untrusted(self.root, problem)
         chain = _chain(error)
         for one in chain:
             if isinstance(one, KbError):
@@ -328,5 +331,5 @@ def _limited(headers: Any) -> Stopped:
     return QuotaSpent(
         f"the hub's limit is spent until {clock.stamp(back)}",
         hint="run the same command then",
-        reset_at=back,
+        until=back,
     )

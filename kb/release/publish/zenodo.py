@@ -3,7 +3,7 @@
 Source: https://developers.zenodo.org. Only what a release needs: create, list, upload with md5,
 metadata, publish, new version. Every answer that is no success becomes one of kb.core.errors: 401
 the token (403 as well where no deposit is named), 400 what the service says field by field, 429 a
-wait or exit 3 with the time, 5xx and broken connections a few more tries and then exit 3.
+wait or exit 3 with the time, 5xx and broken connections a few more tries and then exit 4.
 """
 
 import contextlib
@@ -251,7 +251,7 @@ class Zenodo:
         return QuotaSpent(
             f"the deposit service's limit is spent until {clock.stamp(back)}",
             hint="run the same command then",
-            reset_at=back,
+            until=back,
         )
 
 

@@ -22,7 +22,7 @@ from kb.core import terminal
 from kb.core.config.profile.base import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
-from kb.core.errors import CredentialRefused, ItemFinal, KbError, Retryable
+from kb.core.errors import Challenged, CredentialRefused, ItemFinal, KbError, Retryable, Untrusted
 from kb.crawl.connector import Opened
 from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
@@ -137,6 +137,9 @@ class YouTubeApi:
             self._frontier.outcome(row, str(error.resp.status))
             after = retry_after(error.resp.get("retry-after"), error.resp.get("date"))
             raise meaning(int(error.resp.status), _json(error.content), bucket, after) from None
+        except Untrusted as error:
+            self._frontier.outcome(row, type(error).__name__, sent=False)
+            raise
         except (requests.RequestException, OSError, ValueError, RecursionError) as error:
             self._frontier.outcome(row, type(error).__name__, sent=not never_sent(error))
             broken = failure(error, endpoint)
@@ -189,7 +192,7 @@ class Transport:
 
 def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> KbError:
     """The error to raise for an error answer: QuotaSpent, CredentialRefused, Blocked,
-    ItemFinal or Retryable.
+    Challenged, ItemFinal or Retryable.
 
     ItemFinal for the named facts only; a refusal without a reason comes not from the API but
     from what stands before it ("automated queries"). `after` is the answer's Retry-After in
@@ -222,9 +225,10 @@ def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> 
     if facts := sorted(reasons & FINAL):
         return ItemFinal("not_found" if status == 404 else facts[0], str(status))
     if status == 403 and not reasons:
-        return blocked(
-            "the YouTube API rejects requests (403 without a reason)", after, waited=True
-        )
+        what = "the YouTube API rejects requests (403 without a reason)"
+        if after:
+            return blocked(what, after, waited=True)
+        return Challenged(what, hint="run the same command from a network that Google accepts")
     return Retryable(f"{shown} ({status})", after=after)
 
 

@@ -161,7 +161,7 @@ class YouTubeFetcher:
         self._count(**{kind: int(outcome == "ok"), asked: int(outcome != "failed")})
 
     def _spend(self, endpoint: str) -> None:
-        """The ledger's row of a request to the site. Raises Blocked when another thread met it."""
+        """The ledger's row of a request to the site. Raises as `Opened.check`."""
         self._opened.check(WEB)
         self._opened.frontier.spend(SITE_BUCKET, 0, endpoint)
 

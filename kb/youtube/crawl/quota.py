@@ -55,5 +55,5 @@ def spent(bucket: str) -> QuotaSpent:
     return QuotaSpent(
         f"the {bucket} quota of the YouTube API is spent; it is reset at {clock.stamp(reset)}",
         hint="run the same command then, or add --wait",
-        reset_at=reset,
+        until=reset,
     )

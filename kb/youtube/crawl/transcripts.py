@@ -20,7 +20,7 @@ from youtube_transcript_api import YouTubeTranscriptApi
 
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.config.settings import Settings
-from kb.core.errors import Retryable
+from kb.core.errors import Challenged, Retryable
 from kb.core.languages import one_name
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt, blocked
@@ -34,6 +34,7 @@ SITE = "https://www.youtube.com/"
 EMPTY_TRIES = 2  # of a track without text in one run
 REDIRECTS = 5  # in a row
 # names of requests in the ledger
+_CONSENT = "shows a consent wall instead of the watch page"
 _ENDPOINTS = {"/watch": "watch", "/youtubei/v1/player": "player", "/api/timedtext": "timedtext"}
 WORD_TIMES = "fmt=srv3"  # what the site adds to a track's address, and the library takes away
 
@@ -75,8 +76,8 @@ class Fetcher:
         """The `response` of a transcripts envelope; `outcome` says what became of it.
 
         `probe`: the site turned us away before, so the first 429 says that it still does.
-        `second`: the automatic track, of a video that has a manual one. Raises Blocked, which is
-        no fact about the video, and Retryable after the last try.
+        `second`: the automatic track, of a video that has a manual one. Raises Blocked and
+        Challenged, which are no facts about the video, and Retryable after the last try.
         """
         self._pace.wait()
         empty = 0
@@ -114,9 +115,9 @@ class Fetcher:
         try:
             answer |= self._read(self._api.list(video_id), second)
         except (lib.RequestBlocked, lib.IpBlocked) as error:
-            raise blocked(f"YouTube blocks this address ({type(error).__name__})") from None
+            raise _challenged(f"blocks this address ({type(error).__name__})") from None
         except lib.FailedToCreateConsentCookie:
-            raise blocked("YouTube shows a consent wall instead of the watch page") from None
+            raise _challenged(_CONSENT) from None
         except lib.NoTranscriptFound:
             answer |= {"outcome": "none"}
         except lib.TranscriptsDisabled:
@@ -240,9 +241,9 @@ class Fetcher:
             else response.url
         )
         if (target.hostname or "").startswith("consent."):
-            raise blocked("YouTube shows a consent wall instead of the watch page")
+            raise _challenged(_CONSENT)
         if target.path == "/sorry" or target.path.startswith("/sorry/"):
-            raise blocked("YouTube blocks this address (automated queries)")
+            raise _challenged("blocks this address (automated queries)")
         path = urlsplit(response.url).path
         if path == "/watch":
             self._page = response.text
@@ -255,6 +256,15 @@ class Fetcher:
             # The body of such a track is empty for whoever sends no token.
             self._is_empty = response.ok and not response.content.strip()
             self._needs_token = _asks_for_token(response.url) and self._is_empty
+
+
+def _challenged(what: str) -> Challenged:
+    """The error for a page that asks a person something."""
+    return Challenged(
+        f"YouTube {what}",
+        hint="open www.youtube.com in a browser on this network and answer what it asks, or use"
+        " another network; then run the same command",
+    )
 
 
 def _asks_for_token(address: str) -> bool:

@@ -241,7 +241,10 @@ def test_a_signal_while_a_command_is_still_being_loaded(
     out, err = process.communicate(timeout=30)
     assert process.returncode == 3
     assert err == f"kb: stopped by {number.name}; run the same command to resume\n"
-    assert json.loads(out) == {"stopped": f"stopped by {number.name}"}
+    assert json.loads(out) == {
+        "stopped": f"stopped by {number.name}",
+        "waits_for": "next run",
+    }
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))

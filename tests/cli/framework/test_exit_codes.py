@@ -45,10 +45,8 @@ def end(capsys: pytest.CaptureFixture[str]) -> Any:
 )
 def test_every_error_is_one_line_with_its_code(end: Any, kind: type[errors.KbError]) -> None:
     code, out, err = end(kind("what went wrong", hint="what to do"))
-    wanted = (
-        2 if issubclass(kind, errors.UsageError) else 3 if issubclass(kind, errors.Stopped) else 1
-    )
-    assert code == wanted
+    codes = {errors.UsageError: 2, errors.ActionNeeded: 4, errors.Stopped: 3}
+    assert code == next((code for base, code in codes.items() if issubclass(kind, base)), 1)
     assert err == "kb: what went wrong; what to do\n"
     assert out == ""
 
@@ -64,6 +62,7 @@ def test_a_stop_shows_what_was_done(end: Any) -> None:
         "kept": 4,
         "rejected": 1,
         "stopped": "--limit 5 reached",
+        "waits_for": "next run",
     }
 
 
@@ -73,7 +72,7 @@ def test_a_stop_shows_what_was_done(end: Any) -> None:
         (KeyboardInterrupt(), 3, "run the same command to resume"),
         (
             OSError(errno.ENOSPC, "No space left on device", "/data/x"),
-            3,
+            4,
             "no space left to write /data/x",
         ),
         (

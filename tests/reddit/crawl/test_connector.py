@@ -220,7 +220,7 @@ def test_a_subreddit_that_does_not_exist(work: Work) -> None:
         work.crawl()
 
 
-def test_no_service_is_exit_3(work: Work) -> None:
+def test_no_service_is_unreachable(work: Work) -> None:
     work.sandbox.servers["reddit"].stop()
     with pytest.raises(Unreachable):
         work.crawl()

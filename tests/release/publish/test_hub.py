@@ -29,7 +29,7 @@ def test_a_malformed_name_is_refused_before_anything_is_sent(name: str) -> None:
         ({"HF_TOKEN": STRANGER}, 1, f"kb: HF_TOKEN may not write to {REPO}: You don't have"),
         ({"HF_TOKEN": ""}, 2, "kb: HF_TOKEN is not set"),
         ({"HF_HUB_OFFLINE": "1"}, 2, "kb: HF_HUB_OFFLINE is set"),
-        ({"HF_ENDPOINT": "http://127.0.0.1:9"}, 3, "kb: no connection to the hub at http://127"),
+        ({"HF_ENDPOINT": "http://127.0.0.1:9"}, 4, "kb: no connection to the hub at http://127"),
     ],
 )
 def test_who_may_not_is_told_so(
@@ -60,7 +60,7 @@ FAULTS: tuple[tuple[str, dict[str, object], int, str], ...] = (
     ("/whoami", {"status": 200, "body": "<html>"}, 1, "kb: the hub at http://127.0.0.1:"),
     ("/repos/create", {"status": 409}, 1, f"kb: the name {REPO} is taken"),
     ("/batch", {"status": 404}, 1, f"kb: the hub answered 404 for {REPO}"),
-    ("/commit/", {"status": 503}, 3, "kb: the hub answers 503"),
+    ("/commit/", {"status": 503}, 4, "kb: the hub answers 503"),
     ("/commit/", {"status": 400, "body": {"error": f"no {TOKEN}"}}, 1, "kb: the hub refused (400)"),
     ("/commit/", {"status": 412, "body": {"error": "later"}}, 1, f"kb: {REPO} was changed"),
     (

@@ -183,7 +183,7 @@ def test_a_run_whose_last_answer_was_lost_makes_no_second_revision(
 
     hub.faults.add("/tag/", when=lose, reset=True)
     first = publish(hub, root, "--repo", REPO)
-    assert first.code == 3
+    assert first.code == 4
     assert first.said.startswith("kb: no connection to the hub at http://127.0.0.1:")
     assert len(held(hub).commits) == 2
     done = publish(hub, root, "--repo", REPO)

@@ -50,7 +50,7 @@ def test_a_crawl_of_a_dead_address_leaves_room_for_the_right_one(tmp_path: Path)
         words = ("youtube", "crawl", "--only", "channels")
         job.profile(("[youtube]\n", "[youtube]\nmax_tries = 1\n"))
         assert "no connection" in job.stopped(
-            *words, code=3, KB_YOUTUBE_ENDPOINT="http://127.0.0.9:9"
+            *words, code=4, KB_YOUTUBE_ENDPOINT="http://127.0.0.9:9"
         )
         job.done(*words)
         assert "holds youtube data" in job.stopped(

@@ -39,7 +39,7 @@ def test_an_odd_answer_fails_a_pack_of_videos_and_drops_none(
 ) -> None:
     no_patience(job).stopped(*CRAWL, "--limit", "5", code=3)
     job.sandbox.faults.add("/v3/videos", times=None, **what)
-    summary = job.done(*CRAWL, code=3)
+    summary = job.done(*CRAWL, code=4)
     left = len(job.sandbox.world.youtube.videos) - 5
     assert (summary["failed"], summary["crawled"], summary["pending"]) == (0, 0, left)
     assert len(job.sandbox.ledger.requests("/v3/videos")) == 1 + 4 * 2  # two tries each
@@ -57,10 +57,14 @@ def test_an_odd_answer_drops_no_keyword(job: Job) -> None:
 
 
 @pytest.mark.parametrize("path", ["/v3/search", "/v3/playlistItems", "/v3/videos"])
-def test_a_refusal_without_a_reason_is_a_block(job: Job, path: str) -> None:
+def test_a_refusal_without_a_reason_passes_with_time_only_where_it_says_so(
+    job: Job, path: str
+) -> None:
+    job.sandbox.faults.add(path, headers={"Retry-After": "7200"}, **SORRY)
+    assert job.done(*CRAWL, code=3)["waits_for"] == "service until 2026-11-20T14:00:00Z"
     job.sandbox.faults.add(path, times=None, **SORRY)
-    assert "2026-11-20T13:00:00Z" in job.stopped(*CRAWL, code=3)  # nothing was said, so an hour
-    assert len(job.sandbox.ledger.requests(path)) == 1
+    assert job.done(*CRAWL, code=4)["waits_for"] == "person"
+    assert len(job.sandbox.ledger.requests(path)) == 2
     job.sandbox.faults.clear()
     finish(job)
 
@@ -100,22 +104,26 @@ def test_a_refresh_is_blocked_as_well_and_counts_what_failed(job: Job) -> None:
     assert (summary["failed"], summary["left"], len(job.sandbox.ledger)) == (0, total, before + 2)
     job.sandbox.faults.remove(fault)
     job.sandbox.faults.add("/v3/videos", times=None, status=404, body=refusal("no_playlist")[1])
-    assert job.done("refresh", "youtube", KB_NOW=LATER, code=3)["failed"] == total
+    assert job.done("refresh", "youtube", KB_NOW=LATER, code=4)["failed"] == total
     job.sandbox.faults.clear()
     assert job.done("refresh", "youtube", KB_NOW=LATER)["crawled"] == total
 
 
 @pytest.mark.parametrize(
-    ("what", "back"),
+    ("what", "code", "needs"),
     [
-        ({"status": 429}, "13:00:00Z"),
-        ({"status": 200, "body": walls.captcha_page()}, "13:00:00Z"),
-        ({"status": 429, "headers": {"Retry-After": "7200"}}, "14:00:00Z"),
+        ({"status": 429}, 3, "service until 2026-11-20T13:00:00Z"),  # nothing was said: an hour
+        ({"status": 200, "body": walls.captcha_page()}, 4, "person"),
+        (
+            {"status": 429, "headers": {"Retry-After": "7200"}},
+            3,
+            "service until 2026-11-20T14:00:00Z",
+        ),
     ],
     ids=["429", "captcha", "429 for hours"],
 )
 def test_after_a_block_one_video_finds_out_whether_it_stands(
-    job: Job, what: dict[str, Any], back: str
+    job: Job, what: dict[str, Any], code: int, needs: str
 ) -> None:
     no_patience(job)
     job.done(*CRAWL, "--only", "channels")
@@ -124,7 +132,7 @@ def test_after_a_block_one_video_finds_out_whether_it_stands(
     job.sandbox.faults.add("/watch", times=None, **what)
     for requests in (8, 1, 1):
         before = len(job.sandbox.ledger)
-        assert back in job.stopped(*CRAWL, "--workers", "4", code=3)
+        assert job.done(*CRAWL, "--workers", "4", code=code)["waits_for"] == needs
         assert len(job.sandbox.ledger) - before <= requests
     job.sandbox.faults.clear()
     finish(job)

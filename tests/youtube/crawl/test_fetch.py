@@ -149,12 +149,12 @@ def test_an_item_that_fails_to_the_end_is_counted_and_tried_by_the_next_run(job:
 def test_the_network_is_gone_and_comes_back(job: Job) -> None:
     no_patience(job)
     job.sandbox.servers["youtube"].stop()
-    summary = job.done(*CRAWL, code=3)
+    summary = job.done(*CRAWL, code=4)
     assert "connection" in summary["stopped"]
     assert (summary["requests"] > 0, summary["units"]) == (True, 0)  # none reached the service
     job.sandbox.servers["youtube"].start()
     gone = job.sandbox.faults.add("/v3/videos", reset=True, times=None)
-    assert "connection" in job.stopped(*CRAWL, code=3)
+    assert "connection" in job.stopped(*CRAWL, code=4)
     job.sandbox.faults.remove(gone)
     finish(job)
 
@@ -162,7 +162,7 @@ def test_the_network_is_gone_and_comes_back(job: Job) -> None:
 def test_a_service_that_is_down_stops_the_run(job: Job) -> None:
     no_patience(job)
     job.sandbox.faults.add("/v3/playlistItems", status=503, times=None)
-    job.stopped(*CRAWL, code=3)
+    job.stopped(*CRAWL, code=4)
     assert len(job.sandbox.ledger.requests("/v3/playlistItems")) < 20
     job.sandbox.faults.clear()
     finish(job)
@@ -192,7 +192,8 @@ def test_a_service_that_is_down_stops_the_run(job: Job) -> None:
 def test_a_block_stops_the_run_and_is_no_fact_about_a_video(job: Job, what: dict[str, Any]) -> None:
     no_patience(job)
     job.sandbox.faults.add(times=None, **what)
-    job.stopped(*CRAWL, code=3)
+    code, needs = (3, "service until ") if what["status"] == 429 else (4, "person")
+    assert job.done(*CRAWL, code=code)["waits_for"].startswith(needs)
     assert len(job.sandbox.ledger.requests("/watch|/player|/timedtext")) < 30  # no tight retry
     assert job.sandbox.ledger.units() == plain_units(job.sandbox)  # the other service went on
     assert job.done("youtube", "filter")["pending"] > 0
@@ -269,7 +270,7 @@ def test_an_unreadable_profile(job: Job) -> None:
 @pytest.mark.parametrize("kilobytes", [4, 40])
 def test_a_full_disk(job: Job, kilobytes: int) -> None:
     ended = harm.run(CRAWL, job.env, job.place, largest=kilobytes << 10)
-    assert ended.code == 3, ended.err[-2000:]
+    assert ended.code == 4, ended.err[-2000:]
     assert "Traceback" not in ended.err
     assert len([line for line in ended.err.splitlines() if line.startswith("kb: ")]) == 1
     finish(job)
@@ -282,7 +283,7 @@ def test_a_full_disk_leaves_the_last_tables_alone(job: Job) -> None:
     before = job.digests("clean"), job.digests("release")
     for words in (("youtube", "filter"), ("youtube", "export")):
         ended = harm.run(words, job.env, job.place, largest=4 << 10)
-        assert ended.code == 3, ended.err[-2000:]
+        assert ended.code == 4, ended.err[-2000:]
     assert (job.digests("clean"), job.digests("release")) == before
 
 

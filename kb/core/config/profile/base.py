@@ -78,7 +78,7 @@ def worst_first(findings: list[Finding]) -> list[Finding]:
     return sorted(findings, key=place)
 
 
-UNREACHABLE, REFUSED, WRONG = 3, 1, 2  # exit codes that follow from what a service answers
+UNREACHABLE, REFUSED, WRONG = 4, 1, 2  # exit codes that follow from what a service answers
 
 
 class OnlineAnswer(NamedTuple):
