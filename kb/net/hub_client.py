@@ -5,10 +5,13 @@ bounded in bytes and time, and what is asked of this machine goes through no pro
 import re
 from collections.abc import Iterator
 from typing import Any
+from urllib.parse import urlsplit
 
 from kb.core import clock
-from kb.core.config.addresses import is_loopback
+from kb.core.config.addresses import in_the_clear, is_loopback
+from kb.core.errors import SettingError
 from kb.net.bounded import ANSWER_BYTES, ANSWER_S
+from kb.net.certificates import tls
 
 _RANGE = re.compile(r"bytes=(\d{1,18})-(\d{1,18})")
 _SLOWEST = 100_000  # bytes a second of a file's range
@@ -16,7 +19,14 @@ _TIMEOUT_S = (10.0, 60.0)  # to connect, and between two bytes
 
 
 def use_own_client(endpoint: str, timeout: tuple[float, float] = _TIMEOUT_S) -> None:
-    """Make the package's requests to the hub at `endpoint`."""
+    """Make the package's requests to the hub at `endpoint`, "" for the public one. Raises
+    SettingError for one to which its token would go in the clear.
+    """
+    if endpoint and in_the_clear(endpoint):
+        raise SettingError(
+            f"HF_ENDPOINT is {endpoint}, which is not https",
+            hint="plain http is for services on this machine alone",
+        )
     import httpx2
     import huggingface_hub
     from huggingface_hub.utils import _http
@@ -55,7 +65,12 @@ def use_own_client(endpoint: str, timeout: tuple[float, float] = _TIMEOUT_S) -> 
             follow_redirects=True,
             timeout=httpx2.Timeout(timeout[1], connect=timeout[0]),
             headers={"accept-encoding": "identity"},
-            trust_env=not is_loopback(endpoint),
+            verify=tls() or True,
+            # What is on this machine is asked directly, also after a redirect.
+            mounts=dict.fromkeys((f"all://{host}" for host in here), None),
         )
 
+    here = {"localhost", "127.0.0.1", "[::1]"}
+    if is_loopback(endpoint) and ":" not in (own := urlsplit(endpoint).hostname or ""):
+        here.add(own)
     huggingface_hub.set_client_factory(client)

@@ -7,10 +7,8 @@ Nothing is tried again here: that is kb.net.retry's, for what `failure` and `ref
 Retryable.
 """
 
-import ssl
 import threading
 from collections.abc import Callable, Collection
-from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -19,10 +17,12 @@ import urllib3
 from requests.adapters import HTTPAdapter
 
 from kb import __version__
-from kb.core.config.addresses import in_the_clear, is_loopback
+from kb.core.config.addresses import in_the_clear
 from kb.core.config.settings import Settings
-from kb.core.errors import FatalError, ItemFinal, KbError, Retryable, SettingError, Untrusted
+from kb.core.errors import FatalError, ItemFinal, KbError, Retryable
 from kb.net import bounded, redact
+from kb.net.certificates import authorities, certificate_problem, untrusted
+from kb.net.proxies import proxy_of
 from kb.net.retry import retry_after
 
 PRODUCT = "lorecrawl"  # our name in the User-Agent and in robots.txt
@@ -60,9 +60,10 @@ def host_of(url: str) -> str:
 class HttpSession(requests.Session):
     """One connection pool with the policy of this module. Not for several threads at once.
 
-    `hosts` are the only ones that are asked, as `host_of` gives them; None allows any. Credentials
-    are those of the settings alone, never of ~/.netrc; proxies of the environment are used. Raises
-    SettingError for a malformed contact.
+    `hosts` are the only ones that are asked, as `host_of` gives them; None allows any. Of the
+    environment only proxies and certificates count (kb.net.proxies, kb.net.certificates), never
+    ~/.netrc: credentials are those of the settings alone. Raises SettingError for a malformed
+    contact or file of certificates.
     """
 
     def __init__(
@@ -77,9 +78,8 @@ class HttpSession(requests.Session):
         settings.check_contact()
         super().__init__()
         self._timeout = timeout
-        # With an `auth` of our own requests looks for none in ~/.netrc, which would take our
-        # token's place.
-        self.auth = lambda request: request
+        self.trust_env = False
+        self.verify = authorities()[1] or True
         self.headers["User-Agent"] = user_agent(settings.kb_contact)
         self.adapters.clear()  # nothing goes past ours
         self.mount("", Door(hosts=hosts, ledger=ledger, stray=stray))
@@ -89,13 +89,6 @@ class HttpSession(requests.Session):
         if options.get("timeout") is None:
             options["timeout"] = self._timeout
         return super().request(*arguments, **options)
-
-    def rebuild_auth(self, prepared_request: Any, response: Any) -> None:
-        """A redirect to another host does not get our token."""
-        url, to = response.request.url, prepared_request.url
-        strip = self.should_strip_auth(url, to)  # type: ignore[no-untyped-call]
-        if "Authorization" in prepared_request.headers and strip:
-            del prepared_request.headers["Authorization"]
 
 
 class Door(HTTPAdapter):
@@ -124,19 +117,10 @@ class Door(HTTPAdapter):
     def send(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
         """One request on the wire.
 
-        Raises what `stray` makes, what the ledger raises, SettingError and Untrusted.
+        Raises what `stray` makes, what the ledger raises, and Untrusted.
         """
         self.check(request.url or "")
-        bundle = options.get("verify")
-        if isinstance(bundle, str) and not Path(bundle).exists():
-            raise SettingError(
-                f"there is no file of certificates {bundle}",
-                hint="correct REQUESTS_CA_BUNDLE or CURL_CA_BUNDLE",
-            )
         note = self._ledger(request) if self._ledger is not None else None
-        if is_loopback(request.url or ""):
-            options["proxies"] = None
-            request.headers.pop("Proxy-Authorization", None)
         try:
             response = self.pass_on(request, *arguments, **options)
             if response.is_redirect or not options.get("stream"):
@@ -159,7 +143,9 @@ class Door(HTTPAdapter):
             raise self._stray(url)  # what we send and read is nobody else's on the way
 
     def pass_on(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
-        """Send it as it is."""
+        """Send it as it is, through the proxy of its own address."""
+        proxy = proxy_of(request.url or "")
+        options["proxies"] = {"all": proxy} if proxy else {}
         return super().send(request, *arguments, **options)
 
 
@@ -227,31 +213,6 @@ def never_sent(error: Exception) -> bool:
             urllib3.exceptions.ProxyError,
             urllib3.exceptions.SSLError,
         ),
-    )
-
-
-def certificate_problem(error: BaseException | None) -> str:
-    """Why a certificate is not trusted, in OpenSSL's words, if that is behind an error; else ""."""
-    seen: list[BaseException] = []
-    waiting: list[object] = [error]
-    while waiting:
-        cause = waiting.pop()
-        if isinstance(cause, ssl.SSLCertVerificationError):
-            return cause.verify_message or str(cause)
-        if isinstance(cause, BaseException) and cause not in seen:
-            seen.append(cause)
-            # urllib3 and requests hand on what happened in an argument.
-            waiting += [cause.__context__, cause.__cause__, getattr(cause, "reason", None)]
-            waiting += cause.args
-    return ""
-
-
-def untrusted(url: str, problem: str) -> Untrusted:
-    """The error for a service whose certificate is not trusted."""
-    return Untrusted(
-        f"the certificate of {urlsplit(url).netloc} is not trusted: {problem}",
-        hint="check this machine's clock; if a proxy or your company signs it, name the file of its"
-        " authority in REQUESTS_CA_BUNDLE and SSL_CERT_FILE",
     )
 
 

@@ -28,9 +28,9 @@ from kb.core.errors import (
 )
 from kb.core.installation import install_extra
 from kb.net import redact
+from kb.net.certificates import certificate_problem, untrusted
 from kb.net.hub_client import use_own_client
 from kb.net.retry import retry_after
-from kb.net.session import certificate_problem, untrusted
 
 PUBLIC = "https://huggingface.co"
 KIND = "dataset"

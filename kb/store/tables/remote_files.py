@@ -23,9 +23,12 @@ import pyarrow.fs
 from fsspec.implementations.cached import CachingFileSystem
 
 from kb.core.cached_property import cached_property
+from kb.core.config.addresses import is_loopback
 from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
 from kb.core.installation import ds, install_extra
+from kb.net.certificates import certificate_problem, tls, untrusted
 from kb.net.hub_client import use_own_client
+from kb.net.proxies import proxy_of
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import unreadable
 from kb.store.tables.checksums import MISMATCH, parsed
@@ -33,6 +36,7 @@ from kb.store.tables.checksums import MISMATCH, parsed
 _EXTRAS = {"s3": "s3", "s3a": "s3", "hf": "hub"}
 # What clients raise for a refused or missing credential, by the name of its class.
 _REFUSED = {"PermissionError", "NoCredentialsError", "GatedRepoError", "PartialCredentialsError"}
+_S3_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 _PAGE = "page integrity"  # in Arrow's message of a page with another checksum
 UNREACHABLE = "check the address and the network"
 
@@ -115,7 +119,8 @@ def remote_folders(address: str, options: Mapping[str, Any] | None = None) -> li
             use_own_client(
                 str((options or {}).get("endpoint") or os.environ.get("HF_ENDPOINT", ""))
             )
-        system, path = fsspec.core.url_to_fs(address, **(options or {}))
+        given = dict(options or {})
+        system, path = fsspec.core.url_to_fs(address, **_ways(address, given), **given)
         path = path.rstrip("/")
         found = system.find(path, maxdepth=2, detail=True)
         folders: dict[str, dict[str, int]] = {}
@@ -137,6 +142,24 @@ def remote_folders(address: str, options: Mapping[str, Any] | None = None) -> li
     ]
 
 
+def _ways(address: str, options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """By protocol how it is asked: an address of the web through its proxy, with the certificates
+    that the environment names. S3's client looks there itself, for this machine too.
+    """
+    url = address.rpartition("::")[2]
+    protocol = url.partition(":")[0]
+    if protocol in options:
+        return {}
+    if protocol in ("http", "https"):
+        way = {"proxy": proxy_of(url), "ssl": tls()}
+        return {protocol: {name: value for name, value in way.items() if value is not None}}
+    endpoints = (options.get("endpoint_url"), *map(os.environ.get, _S3_ENDPOINTS))
+    endpoint = next(filter(None, endpoints), "")
+    if protocol in ("s3", "s3a") and is_loopback(endpoint) and "config_kwargs" not in options:
+        return {protocol: {"config_kwargs": {"proxies": {}}}}
+    return {}
+
+
 def _open(system: fsspec.AbstractFileSystem, path: str) -> Any:
     if isinstance(system, CachingFileSystem):  # it asks the system below for just its blocks
         return system.open(path, mode="rb")
@@ -146,7 +169,7 @@ def _open(system: fsspec.AbstractFileSystem, path: str) -> Any:
 @contextlib.contextmanager
 def reading_at(address: str) -> Iterator[None]:
     """Raises what clients and Arrow say of an address as errors that name it: SettingError,
-    MissingExtra, FatalError, DamagedData.
+    MissingExtra, Untrusted, FatalError, DamagedData.
     """
     try:
         yield
@@ -163,6 +186,8 @@ def reading_at(address: str) -> Iterator[None]:
         raise _missing(address) from None
     except Exception as error:
         status = getattr(getattr(error, "response", None), "status_code", None)
+        if problem := certificate_problem(error):
+            raise untrusted(address, problem) from None
         refused = not _REFUSED.isdisjoint(kind.__name__ for kind in type(error).__mro__)
         if refused or status in (401, 403):
             raise FatalError(

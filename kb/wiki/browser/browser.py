@@ -15,11 +15,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Self, TypeVar
 from urllib.parse import urlsplit
 
-from requests.utils import get_environ_proxies, select_proxy
 from urllib3.exceptions import HTTPError
 
-from kb.core.config.addresses import is_loopback
 from kb.core.errors import ItemFinal, MissingExtra, Retryable
+from kb.net.proxies import proxy_of
 from kb.wiki.browser.chromium import INSTALL, START_SECONDS, DriverProcess, Programs
 from kb.wiki.errors import NoResponse, PageTimeout, ServerFault, of_browser
 
@@ -289,8 +288,7 @@ def proxies(origins: Sequence[str]) -> dict[str, str]:
     """
     ways = {}
     for origin in origins:
-        proxy = select_proxy(origin, get_environ_proxies(origin))
-        if proxy and not is_loopback(origin):
+        if proxy := proxy_of(origin):
             parts = urlsplit(proxy if "://" in proxy else f"http://{proxy}")
             kind = {"https": "HTTPS", "http": "PROXY"}.get(parts.scheme, "SOCKS5")
             port = parts.port or {"HTTPS": 443, "PROXY": 80}.get(kind, 1080)
