@@ -8,7 +8,7 @@ other file that can't be read, and callers treat it as such.
 import errno
 import os
 import stat
-from io import BufferedReader
+from io import DEFAULT_BUFFER_SIZE, BufferedReader, FileIO
 from pathlib import Path
 
 _KINDS = (
@@ -24,7 +24,9 @@ class NotRegular(OSError):
     """A path that is no regular file where one is needed; `strerror` says what it is."""
 
 
-def open_regular(path: Path | str, *, links: bool = True, buffering: int = -1) -> BufferedReader:
+def open_regular(
+    path: Path | str, *, links: bool = True, buffering: int = DEFAULT_BUFFER_SIZE
+) -> BufferedReader:
     """A regular file, or with `links` a link to one, open for reading; `buffering` as in `open`.
 
     Raises NotRegular for anything else that is there, OSError where nothing is.
@@ -36,7 +38,7 @@ def open_regular(path: Path | str, *, links: bool = True, buffering: int = -1) -
     try:
         _refuse_other(path, os.fstat(descriptor).st_mode)
         os.set_blocking(descriptor, True)
-        return os.fdopen(descriptor, "rb", buffering)
+        return BufferedReader(FileIO(descriptor, "rb"), buffering)
     except BaseException:
         os.close(descriptor)
         raise

@@ -47,8 +47,9 @@ def certificate_problem(error: BaseException | None) -> str:
     waiting: list[object] = [error]
     while waiting:
         cause = waiting.pop()
-        if isinstance(cause, ssl.SSLCertVerificationError):
-            return cause.verify_message or str(cause)
+        # aiohttp's own error is one as well, without the words: they are in its cause.
+        if problem := getattr(cause, "verify_message", ""):
+            return str(problem)
         if isinstance(cause, BaseException) and cause not in seen:
             seen.append(cause)
             # urllib3 and requests hand on what happened in an argument.

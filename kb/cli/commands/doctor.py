@@ -7,6 +7,7 @@ import importlib.metadata
 import os
 import platform
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ from kb.core import terminal
 from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
+from kb.net import redact
 
 if TYPE_CHECKING:
     from kb.core.config.settings import Settings
@@ -97,6 +99,7 @@ def _all(options: Options, online: bool) -> Iterator[Line]:
     yield from _clock(run)
     yield from _programs(run)
     yield from _settings(run.settings)
+    yield from _network(run)
     if options.engine != "local":
         yield from _workers(options, run)
     if online:
@@ -246,7 +249,13 @@ def _programs(run: Run) -> Iterator[Line]:
 
 
 def _settings(settings: Settings) -> Iterator[Line]:
-    """Which credentials are set, never their values; endpoints that are not the public ones."""
+    """Which credentials are set, never their values, and whether others can read them; endpoints
+    that are not the public ones.
+    """
+    with contextlib.suppress(FileNotFoundError):
+        if Path(".env").stat().st_mode & (stat.S_IRGRP | stat.S_IROTH):
+            what = "other users of this machine can read it"
+            yield NOTE, ".env", what, "run `chmod 600 .env`"
     for name, field in type(settings).model_fields.items():
         value = getattr(settings, name)
         if "SecretStr" in str(field.annotation) or name == "kb_contact":
@@ -259,6 +268,28 @@ def _settings(settings: Settings) -> Iterator[Line]:
             )
         elif name.endswith(("_endpoint", "_web", "_url")) and value is not None:
             yield NOTE, name.upper(), f"{value}", "not the public service"
+
+
+def _network(run: Run) -> Iterator[Line]:
+    """Whose certificates are trusted, and through which proxies services are asked."""
+    from urllib.request import getproxies_environment
+
+    from kb.net.certificates import authorities
+    from kb.wiki.browser.chromium import has_certificates
+
+    try:
+        name, path = authorities()
+        yield OK, "certificates", f"{path} ({name})" if path else "the usual authorities", ""
+    except SettingError as error:
+        yield PROBLEM, "certificates", str(error), error.hint
+        return
+    if path and run.profile.wiki is not None and not has_certificates():
+        what = "it trusts the usual authorities alone"
+        fix = "if your company signs certificates, add its authority (docs/long-crawls.md)"
+        yield NOTE, "browser's certificates", what, fix
+    for kind, proxy in sorted(getproxies_environment().items()):
+        what = "hosts that are asked directly" if kind == "no" else f"proxy of {kind}"
+        yield OK, what, redact.text(proxy), ""
 
 
 def _workers(options: Options, run: Run) -> Iterator[Line]:

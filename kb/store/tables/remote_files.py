@@ -135,6 +135,8 @@ def remote_folders(address: str, options: Mapping[str, Any] | None = None) -> li
             folder, _, name = full.rpartition("/")
             folders.setdefault(folder, {})[name] = int(size)
     if not folders:
+        with reading_at(address):  # a walk passes over what it can't reach
+            system.info(path)
         raise _missing(address)
     return [
         RemoteFolder(address.rstrip("/") + folder.removeprefix(path), system, folder, sizes)
@@ -182,12 +184,12 @@ def reading_at(address: str) -> Iterator[None]:
             f"{address}: {_line(error)}",
             hint=install_extra(extra) if extra else "install the package that it names",
         ) from None
-    except FileNotFoundError:
-        raise _missing(address) from None
     except Exception as error:
         status = getattr(getattr(error, "response", None), "status_code", None)
         if problem := certificate_problem(error):
             raise untrusted(address, problem) from None
+        if isinstance(error, FileNotFoundError):
+            raise _missing(address) from None
         refused = not _REFUSED.isdisjoint(kind.__name__ for kind in type(error).__mro__)
         if refused or status in (401, 403):
             raise FatalError(

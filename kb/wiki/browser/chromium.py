@@ -119,9 +119,18 @@ START_SECONDS = 30
 STARTS = 3  # attempts before a driver counts as broken
 _READY = re.compile(rb"successfully on port (\d+)")
 _FOLDER = "lorecrawl-browser-"  # followed by our process id
-# Where Chromium looks for authorities besides its own, below the home.
-_CERTIFICATES = (".pki/nssdb", ".local/share/pki/nssdb")
 _KEPT = ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH")
+
+
+def has_certificates() -> bool:
+    """Whether the user has given Chromium authorities besides its own."""
+    return bool(_certificates())
+
+
+def _certificates() -> list[str]:
+    """The folders of authorities besides Chromium's own, which it looks for below the home."""
+    stores = (".pki/nssdb", ".local/share/pki/nssdb")
+    return [store for store in stores if (Path.home() / store).is_dir()]
 
 
 class DriverProcess:
@@ -134,9 +143,8 @@ class DriverProcess:
                 shutil.rmtree(leftover, ignore_errors=True)
         self.folder = tempfile.mkdtemp(prefix=f"{_FOLDER}{os.getpid()}-")
         names = ("HOME", "TMPDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")
-        for store in _CERTIFICATES:
-            if (given := Path.home() / store).is_dir():
-                shutil.copytree(given, Path(self.folder) / store)
+        for store in _certificates():
+            shutil.copytree(Path.home() / store, Path(self.folder, store))
         env = {name: os.environ[name] for name in _KEPT if name in os.environ}
         env |= {"LANG": "C.UTF-8", "TZ": "UTC", **dict.fromkeys(names, self.folder)}
         # The driver picks a free port and exits when another program takes it first.
