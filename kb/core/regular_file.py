@@ -27,7 +27,7 @@ class NotRegular(OSError):
 def open_regular(
     path: Path | str, *, links: bool = True, buffering: int = DEFAULT_BUFFER_SIZE
 ) -> BufferedReader:
-    """A regular file, or with `links` a link to one, open for reading; `buffering` as in `open`.
+    """A regular file, or with `links` a link to one, to read; `buffering` in bytes.
 
     Raises NotRegular for anything else that is there, OSError where nothing is.
     """

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -43,3 +45,22 @@ def test_another_thread_sets_no_handler() -> None:
     thread.start()
     thread.join()
     assert inside == before
+
+
+def test_sigterm_ends_a_program_that_never_looks_at_it() -> None:
+    blind = (
+        "import signal, time; from kb.core import signals; signals.END_S = 0.1;"
+        " signal.signal(signal.SIGTERM, lambda *_: None); signals.end_in_time();"
+        " print(flush=True); time.sleep(300)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", blind], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=60)
+    assert (process.returncode, said.strip()) == (
+        3,
+        "kb: stopped by SIGTERM; run the same command to resume",
+    )

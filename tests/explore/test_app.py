@@ -107,6 +107,16 @@ def test_a_signal_ends_it_as_done(demo: Path, number: signal.Signals) -> None:
         assert pages.process.wait(30) == 0
 
 
+def test_a_signal_ends_it_while_130_requests_wait(demo: Path) -> None:
+    with explored(demo / "data" / "demo") as pages:
+        waiting = [socket.create_connection(("127.0.0.1", pages.port)) for _ in range(130)]
+        for one in waiting:
+            one.sendall(b"GET /thresholds HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        assert waiting[0].recv(1) == b"H"  # all others are in hand; answering them takes a minute
+        pages.process.send_signal(signal.SIGTERM)
+        assert pages.process.wait(15) == 0
+
+
 @pytest.mark.slow
 def test_connections_that_send_no_whole_request_are_closed(demo_pages: Explored) -> None:
     waiting = [socket.create_connection(("127.0.0.1", demo_pages.port)) for _ in range(100)]
