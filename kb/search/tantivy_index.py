@@ -20,6 +20,7 @@ import tantivy
 from tantivy import Filter, Occur, Query, Tokenizer
 
 from kb.artifacts import index as index_of
+from kb.core.regular_file import check_regular
 from kb.search.passage import KINDS, PAGES, Passage
 from kb.search.query import is_small
 from kb.store.damage import opening, unreadable
@@ -169,6 +170,8 @@ class PassageIndex:
 
 def _open(folder: Path) -> tantivy.Index:
     """An index, by links to its files where the folder lets no lock be written."""
+    for path in folder.iterdir():
+        check_regular(path)
     if os.access(folder, os.W_OK):
         return tantivy.Index.open(str(folder))
     with tempfile.TemporaryDirectory(prefix="lorecrawl-index-") as scratch:
