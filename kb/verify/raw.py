@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import zstandard
 
-from kb.core.errors import DamagedData
+from kb.core.errors import DamagedData, FatalError
 from kb.core.regular_file import read_regular
 from kb.store.artifact_registry import SUMS
 from kb.store.layout import BELOW, CAPTURED, Layout
@@ -79,7 +79,7 @@ class SegmentVerifier:
         try:
             with reading.state(path) as frontier:
                 return dict(frontier.offsets())
-        except (DamagedData, sqlite3.Error):
+        except (FatalError, sqlite3.Error):
             return {}  # reported with the state
 
 

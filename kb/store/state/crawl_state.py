@@ -64,7 +64,7 @@ UNREADABLE = (msgspec.DecodeError, TypeError, RecursionError, UnicodeDecodeError
 
 def connect(path: Path, *, readonly: bool = False) -> sqlite3.Connection:
     """Open or make the file, for several threads under a lock of the caller's own. Raises
-    DamagedData where it or a file of its log is none.
+    FatalError where it or a file of its log is no regular file.
     """
     if not readonly and not path.exists():
         # A log without its file belongs to one that was moved away: it would fill the new one.
@@ -76,8 +76,10 @@ def connect(path: Path, *, readonly: bool = False) -> sqlite3.Connection:
         except FileNotFoundError:
             continue
         except NotRegular as error:
-            why = f"the state {error.filename} can't be read: {error.strerror}"
-            raise DamagedData(why, hint=REBUILT) from None
+            if path.is_dir():  # which SQLite refuses by itself
+                break
+            why = f"the state {error.filename} can't be opened: {error.strerror}"
+            raise FatalError(why, hint=REBUILT) from None
     name = f"{path.absolute().as_uri()}?mode={'ro' if readonly else 'rwc'}"
     return sqlite3.connect(
         name, uri=True, check_same_thread=False, timeout=30, isolation_level=None
