@@ -7,7 +7,6 @@ Nothing is tried again here: that is kb.net.retry's, for what `failure` and `ref
 Retryable.
 """
 
-import ssl
 import threading
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -21,8 +20,9 @@ from requests.adapters import HTTPAdapter
 from kb import __version__
 from kb.core.config.addresses import in_the_clear, is_loopback
 from kb.core.config.settings import Settings
-from kb.core.errors import FatalError, ItemFinal, KbError, Retryable, SettingError, Untrusted
+from kb.core.errors import FatalError, ItemFinal, KbError, Retryable, SettingError
 from kb.net import bounded, redact
+from kb.net.certificates import untrusted
 from kb.net.retry import retry_after
 
 PRODUCT = "lorecrawl"  # our name in the User-Agent and in robots.txt
@@ -144,8 +144,8 @@ class Door(HTTPAdapter):
         except BaseException as error:
             if note is not None:
                 note(type(error).__name__)
-            if problem := certificate_problem(error):
-                raise untrusted(request.url or "", problem) from None
+            if problem := untrusted(error, urlsplit(request.url or "").netloc):
+                raise problem from None
             raise
         if note is not None:
             note(str(response.status_code))
@@ -227,31 +227,6 @@ def never_sent(error: Exception) -> bool:
             urllib3.exceptions.ProxyError,
             urllib3.exceptions.SSLError,
         ),
-    )
-
-
-def certificate_problem(error: BaseException | None) -> str:
-    """Why a certificate is not trusted, in OpenSSL's words, if that is behind an error; else ""."""
-    seen: list[BaseException] = []
-    waiting: list[object] = [error]
-    while waiting:
-        cause = waiting.pop()
-        if isinstance(cause, ssl.SSLCertVerificationError):
-            return cause.verify_message or str(cause)
-        if isinstance(cause, BaseException) and cause not in seen:
-            seen.append(cause)
-            # urllib3 and requests hand on what happened in an argument.
-            waiting += [cause.__context__, cause.__cause__, getattr(cause, "reason", None)]
-            waiting += cause.args
-    return ""
-
-
-def untrusted(url: str, problem: str) -> Untrusted:
-    """The error for a service whose certificate is not trusted."""
-    return Untrusted(
-        f"the certificate of {urlsplit(url).netloc} is not trusted: {problem}",
-        hint="check this machine's clock; if a proxy or your company signs it, name the file of its"
-        " authority in REQUESTS_CA_BUNDLE and SSL_CERT_FILE",
     )
 
 
