@@ -41,30 +41,33 @@ def tls() -> ssl.SSLContext | None:
     )
 
 
-def certificate_problem(error: BaseException | None) -> str:
-    """Why a certificate is not trusted, in OpenSSL's words, if that is behind an error; else ""."""
-    seen: list[BaseException] = []
+def untrusted(error: BaseException, url: str) -> Untrusted | None:
+    """The error for a service at `url` whose certificate is not trusted; None where `error` has
+    another cause.
+    """
+    for cause in causes(error):
+        # aiohttp's own error is one as well, without OpenSSL's words: they are in its cause.
+        if problem := getattr(cause, "verify_message", ""):
+            return Untrusted(
+                f"the certificate of {urlsplit(url).netloc or url} is not trusted: {problem}",
+                hint="check this machine's clock; if a proxy or your company signs it, name the"
+                " file of its authority in REQUESTS_CA_BUNDLE (docs/long-crawls.md)",
+            )
+    return None
+
+
+def causes(error: BaseException) -> list[BaseException]:
+    """An error and all that led to it."""
+    found: list[BaseException] = []
     waiting: list[object] = [error]
     while waiting:
         cause = waiting.pop()
-        # aiohttp's own error is one as well, without the words: they are in its cause.
-        if problem := getattr(cause, "verify_message", ""):
-            return str(problem)
-        if isinstance(cause, BaseException) and cause not in seen:
-            seen.append(cause)
+        if isinstance(cause, BaseException) and cause not in found:
+            found.append(cause)
             # urllib3 and requests hand on what happened in an argument.
             waiting += [cause.__context__, cause.__cause__, getattr(cause, "reason", None)]
             waiting += cause.args
-    return ""
-
-
-def untrusted(url: str, problem: str) -> Untrusted:
-    """The error for a service whose certificate is not trusted."""
-    return Untrusted(
-        f"the certificate of {urlsplit(url).netloc} is not trusted: {problem}",
-        hint="check this machine's clock; if a proxy or your company signs it, name the file of its"
-        " authority in REQUESTS_CA_BUNDLE (docs/long-crawls.md)",
-    )
+    return found
 
 
 def _wrong(name: str, path: str, why: str) -> SettingError:

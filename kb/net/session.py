@@ -21,7 +21,7 @@ from kb.core.config.addresses import in_the_clear
 from kb.core.config.settings import Settings
 from kb.core.errors import FatalError, ItemFinal, KbError, Retryable
 from kb.net import bounded, redact
-from kb.net.certificates import authorities, certificate_problem, untrusted
+from kb.net.certificates import authorities, untrusted
 from kb.net.proxies import proxy_of
 from kb.net.retry import retry_after
 
@@ -128,8 +128,8 @@ class Door(HTTPAdapter):
         except BaseException as error:
             if note is not None:
                 note(type(error).__name__)
-            if problem := certificate_problem(error):
-                raise untrusted(request.url or "", problem) from None
+            if problem := untrusted(error, request.url or ""):
+                raise problem from None
             raise
         if note is not None:
             note(str(response.status_code))

@@ -67,11 +67,14 @@ def test_what_is_gone_there_is_gone_here_and_nothing_is_asked_twice(job: Job) ->
 
 
 def test_a_quota_ends_a_source_and_the_next_days_go_on(job: Job) -> None:
-    """The other source and the build are done; within the days nothing is asked twice."""
+    """The other source and the build are done; within the days nothing is asked twice. A source
+    that waits for somebody decides the exit code.
+    """
     job.done("youtube", "crawl")
     job.done("reddit", "crawl")
     job.profile(("[youtube]\n", "[youtube]\nunits_per_day = 5\n"))
     before, codes = len(job.sandbox.ledger), []
+    job.sandbox.faults.add("^/r/", service="reddit", status=403, body="<html>blocked</html>")
     for day in range(10, 20):
         began = len(job.sandbox.ledger)
         done = job.kb("update", "--json", KB_NOW=f"2027-01-{day}T12:00:00Z")
@@ -83,8 +86,11 @@ def test_a_quota_ends_a_source_and_the_next_days_go_on(job: Job) -> None:
         if done.returncode == 0:
             break
         assert "quota" in done.stderr
-    assert codes == [3] * (len(codes) - 1) + [0]
-    assert len(codes) > 1
+        quota = f"quota until 2027-01-{day + 1}T08:00:00Z"
+        steps = told["sources"]["youtube"].values()
+        assert quota in [step.get("waits_for") for step in steps]
+        assert told["waits_for"] == (quota if codes[1:] else "person")
+    assert codes == [4, *[3] * (len(codes) - 2), 0]
     api = [one for one in asked(job, before) if "/youtube/v3/" in one[0]]
     assert [one for one, n in Counter(api).items() if n > 1] == []
 

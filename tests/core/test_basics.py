@@ -51,6 +51,13 @@ def test_what_an_error_carries() -> None:
     assert errors.FatalError("no", hint="do").hint == "do"
 
 
+def test_the_worst_of_several_errors_decides_the_exit_code() -> None:
+    kinds = [errors.LimitReached, errors.Blocked, errors.Challenged, errors.DamagedData]
+    ended = sorted([kind("why") for kind in kinds], key=errors.severity)
+    assert [type(error) for error in ended] == kinds[::-1]
+    assert [error.exit_code for error in ended] == [1, 4, 3, 3]
+
+
 @pytest.mark.parametrize(
     ("about", "size", "expected"),
     [

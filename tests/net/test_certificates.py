@@ -7,7 +7,7 @@ import os
 import socket
 import ssl
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -16,9 +16,11 @@ from typing import NamedTuple
 import pytest
 
 from kb.core.config.settings import load_settings
-from kb.core.errors import KbError, SettingError, Untrusted
+from kb.core.errors import ActionNeeded, KbError, SettingError, Untrusted
 from kb.net import certificates, hub_client
 from kb.net.session import HttpSession, send
+from kb.release.publish.hub import Hub
+from kb.release.publish.zenodo import Zenodo
 from kb.store.tables.remote_files import remote_folders
 from kb.youtube.crawl.transcripts import SITE, SiteDoor
 from tests.conftest import needs
@@ -246,3 +248,46 @@ def test_the_doctor_says_when_others_can_read_the_keys(
     (tmp_path / "here" / ".env").write_text("")
     (tmp_path / "here" / ".env").chmod(mode)
     assert ("run `chmod 600 .env`" in here("doctor").out) == told
+
+
+def zenodo(url: str) -> object:
+    return Zenodo(HttpSession(load_settings(dotenv=False)), url, "token").drafts()
+
+
+def hub(url: str) -> object:
+    return Hub(url, "hf_token").account()
+
+
+@pytest.mark.parametrize("ask", [zenodo, hub])
+def test_an_upload_goes_to_nobody_who_is_not_trusted(
+    company: Company, ask: Callable[[str], object]
+) -> None:
+    with pytest.raises(Untrusted, match=r"certificate of \S*127\.0\.0\.1:") as error:
+        ask(company.url)
+    assert error.value.waits_for == "certificate"
+
+
+COMMANDS = {
+    "reddit crawl": {
+        "REDDIT_CLIENT_ID": "id",
+        "REDDIT_CLIENT_SECRET": "secret",
+        "KB_REDDIT_ENDPOINT": "{url}",
+    },
+    "wiki crawl": {"KB_WIKI_URL": "{url}"},
+    "models fetch": {"KB_MODELS_ENDPOINT": "{url}"},
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_waits_for_the_certificate(
+    company: Company, command: str, here: Here, tmp_path: Path
+) -> None:
+    env = {
+        "KB_DATA": str(tmp_path / "data"),
+        "KB_CONTACT": "somebody@example.org",
+        "XDG_CACHE_HOME": str(tmp_path),
+        **{name: value.format(url=company.url) for name, value in COMMANDS[command].items()},
+    }
+    done = here(*command.split(), env=env)
+    assert done.code == ActionNeeded.exit_code, done.err
+    assert done.said.startswith("kb: the certificate of 127.0.0.1:")

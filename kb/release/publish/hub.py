@@ -28,7 +28,7 @@ from kb.core.errors import (
 )
 from kb.core.installation import install_extra
 from kb.net import redact
-from kb.net.certificates import certificate_problem, untrusted
+from kb.net.certificates import untrusted
 from kb.net.hub_client import use_own_client
 from kb.net.retry import retry_after
 
@@ -239,8 +239,8 @@ class Hub:
             OfflineModeIsEnabled,
         )
 
-        if problem := certificate_problem(error):
-            return untrusted(self.root, problem)
+        if problem := untrusted(error, self.root):
+            return problem
         chain = _chain(error)
         for one in chain:
             if isinstance(one, KbError):

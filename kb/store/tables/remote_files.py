@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import socket
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO, cast
@@ -24,9 +25,16 @@ from fsspec.implementations.cached import CachingFileSystem
 
 from kb.core.cached_property import cached_property
 from kb.core.config.addresses import is_loopback
-from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
+from kb.core.errors import (
+    DamagedData,
+    FatalError,
+    KbError,
+    MissingExtra,
+    SettingError,
+    Unreachable,
+)
 from kb.core.installation import ds, install_extra
-from kb.net.certificates import certificate_problem, tls, untrusted
+from kb.net.certificates import causes, tls, untrusted
 from kb.net.hub_client import use_own_client
 from kb.net.proxies import proxy_of
 from kb.store.artifact_registry import SUMS
@@ -38,7 +46,8 @@ _EXTRAS = {"s3": "s3", "s3a": "s3", "hf": "hub"}
 _REFUSED = {"PermissionError", "NoCredentialsError", "GatedRepoError", "PartialCredentialsError"}
 _S3_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 _PAGE = "page integrity"  # in Arrow's message of a page with another checksum
-UNREACHABLE = "check the address and the network"
+_NO_CONNECTION = (ConnectionError, TimeoutError, socket.gaierror)
+_CHECK = "check the address and the network"
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +180,7 @@ def _open(system: fsspec.AbstractFileSystem, path: str) -> Any:
 @contextlib.contextmanager
 def reading_at(address: str) -> Iterator[None]:
     """Raises what clients and Arrow say of an address as errors that name it: SettingError,
-    MissingExtra, Untrusted, FatalError, DamagedData.
+    MissingExtra, FatalError, DamagedData, Untrusted, Unreachable.
     """
     try:
         yield
@@ -185,9 +194,9 @@ def reading_at(address: str) -> Iterator[None]:
             hint=install_extra(extra) if extra else "install the package that it names",
         ) from None
     except Exception as error:
+        if problem := untrusted(error, address):
+            raise problem from None
         status = getattr(getattr(error, "response", None), "status_code", None)
-        if problem := certificate_problem(error):
-            raise untrusted(address, problem) from None
         if isinstance(error, FileNotFoundError):
             raise _missing(address) from None
         refused = not _REFUSED.isdisjoint(kind.__name__ for kind in type(error).__mro__)
@@ -203,7 +212,9 @@ def reading_at(address: str) -> Iterator[None]:
             raise SettingError(
                 f"{address}: {_line(error)}", hint="use hf://, s3:// or another of fsspec's"
             ) from None
-        raise FatalError(f"{address} can't be read: {_line(error)}", hint=UNREACHABLE) from error
+        silent = any(isinstance(cause, _NO_CONNECTION) for cause in causes(error))
+        kind = Unreachable if silent else FatalError
+        raise kind(f"{address} can't be read: {_line(error)}", hint=_CHECK) from error
 
 
 def _missing(address: str) -> SettingError:

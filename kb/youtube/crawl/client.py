@@ -22,7 +22,15 @@ from kb.core import terminal
 from kb.core.config.profile.base import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
-from kb.core.errors import Challenged, CredentialRefused, ItemFinal, KbError, Retryable, Untrusted
+from kb.core.errors import (
+    Challenged,
+    CredentialRefused,
+    ItemFinal,
+    KbError,
+    Retryable,
+    SettingError,
+    Untrusted,
+)
 from kb.crawl.connector import Opened
 from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
@@ -137,7 +145,7 @@ class YouTubeApi:
             self._frontier.outcome(row, str(error.resp.status))
             after = retry_after(error.resp.get("retry-after"), error.resp.get("date"))
             raise meaning(int(error.resp.status), _json(error.content), bucket, after) from None
-        except Untrusted as error:
+        except (SettingError, Untrusted) as error:  # nothing was sent
             self._frontier.outcome(row, type(error).__name__, sent=False)
             raise
         except (requests.RequestException, OSError, ValueError, RecursionError) as error:

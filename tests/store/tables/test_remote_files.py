@@ -14,7 +14,7 @@ from werkzeug import Request, Response
 from werkzeug.serving import make_server
 from werkzeug.utils import send_file
 
-from kb.core.errors import DamagedData, FatalError, MissingExtra, SettingError
+from kb.core.errors import DamagedData, FatalError, MissingExtra, SettingError, Unreachable
 from kb.store.tables.remote_files import RemoteFolder, reading_at, remote_folders
 from tests.store.tables.bucket import S3Server
 from tests.store.tables.many_comments import SHARDS, write_comments
@@ -102,7 +102,7 @@ def test_errors_name_the_address(
         remote_folders("s3://nowhere", server.options())
     with pytest.raises(SettingError, match="ftpx://x: Protocol not known"):
         remote_folders("ftpx://x")
-    with pytest.raises(FatalError, match=r"s3://lore.* can't be read"):
+    with pytest.raises(Unreachable, match=r"s3://lore.* can't be read"):
         remote_folders(
             address,
             server.options(
