@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from werkzeug.wrappers import Response
 
-from kb.core.errors import Blocked, FatalError
+from kb.core.errors import Challenged, FatalError
 from kb.filters.filter_run import run_clean
 from kb.wiki.crawl.connector import crawl
 from tests.wiki.small_wiki import WORDS, SmallWiki
@@ -47,11 +47,14 @@ def challenges(*paths):
 
 
 def verdicts(run):
-    """(kept titles, stage and reason by key of the others)."""
+    """(kept titles, stage and reason by key of the others, the stage of those that failed being
+    "failed").
+    """
     run_clean(run, "wiki")
     kept = pq.read_table(run.root / "clean/wiki/pages")["title"].to_pylist()
-    rejected = pq.read_table(run.root / "clean/wiki/rejected").to_pylist()
-    return sorted(kept), {row["key"]: (row["stage"], row["reason"]) for row in rejected}
+    rows = pq.read_table(run.root / "clean/wiki/rejected").to_pylist()
+    rows += pq.read_table(run.root / "clean/wiki/failed").to_pylist()
+    return sorted(kept), {row["key"]: (row.get("stage", "failed"), row["reason"]) for row in rows}
 
 
 def test_a_page_that_is_always_challenged_is_never_stored(wiki, run):
@@ -59,7 +62,7 @@ def test_a_page_that_is_always_challenged_is_never_stored(wiki, run):
     summary = crawl(run)
     assert (summary["crawled"], summary["failed"]) == (2, 1)
     assert wiki.asked.count("/wiki/Beta") == run.profile.wiki.max_tries
-    assert verdicts(run) == (["Alpha", "Gamma"], {"2": ("render", "challenge")})
+    assert verdicts(run) == (["Alpha", "Gamma"], {"2": ("failed", "challenge")})
     wiki.hook = lambda request: None
     assert crawl(run)["crawled"] == 1
     assert verdicts(run) == (["Alpha", "Beta", "Gamma"], {})
@@ -72,9 +75,9 @@ def test_a_wiki_that_challenges_the_browser_blocks_us(wiki, run):
         if request.headers.get("Sec-Fetch-Dest") == "document"
         else None
     )
-    with pytest.raises(Blocked) as error:
+    with pytest.raises(Challenged) as error:
         crawl(run)
-    assert error.value.exit_code == 3
+    assert error.value.exit_code == 4
     assert wiki.shown()[:2] == ["Alpha"] * run.profile.wiki.max_tries
     assert verdicts(run) == ([], {})
     wiki.hook = lambda request: None
@@ -83,18 +86,18 @@ def test_a_wiki_that_challenges_the_browser_blocks_us(wiki, run):
 
 def test_pages_that_are_all_challenged_block_us_whatever_the_front_page_shows(wiki, run):
     wiki.hook = challenges(*(f"/wiki/{page['title']}" for page in wiki.pages.values()))
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(run)
     assert verdicts(run) == ([], {})
 
 
 def test_a_front_page_that_is_a_challenge_blocks_us(wiki, run):
     wiki.hook = challenges("/")
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(run)
     wait = Response("<html><title>Please wait</title></html>", content_type=AS_HTML)
     wiki.hook = lambda request: wait
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(run)
     shop = Response("<!DOCTYPE html><p>Welcome to our shop.</p>", content_type=AS_HTML)
     wiki.hook = lambda request: shop if request.path == "/" else None
@@ -104,13 +107,13 @@ def test_a_front_page_that_is_a_challenge_blocks_us(wiki, run):
     crawl(run)
     # What was this wiki before is not taken for another site.
     wiki.hook = lambda request: shop if request.path == "/" else None
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(dataclasses.replace(run, again=True))
 
 
 def test_an_api_that_answers_with_challenges_blocks_us(wiki, run):
     wiki.hook = challenges("/w/api.php")
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(run)
     wiki.hook = lambda request: None
     assert crawl(run)["crawled"] == 3
@@ -123,7 +126,7 @@ def test_a_challenge_that_its_header_names_blocks_us(wiki, run, header):
         if request.path == "/w/api.php"
         else None
     )
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(run)
     assert wiki.asked.count("/w/api.php") == 1
 
