@@ -269,7 +269,7 @@ def render_page(
 ) -> dict[str, Any]:
     """All tries of one page; returns the answer to record. `others` are pages to compare with when
     this one is refused. A page that moves while it is captured is postponed, and then shown
-    `alone`: with no other page beside it, and more time.
+    `alone`: once more, with no other page beside it, and more time.
 
     Raises Retryable, Postponed, Stopped, MissingExtra.
     """
@@ -289,8 +289,9 @@ def render_page(
         tempfile.TemporaryDirectory(prefix=SCRATCH, dir=pages_folder(root)) as scratch,
     ):
         shot = Path(scratch) / "screenshot.png"
-        for number in range(1, section.max_tries + 1):
-            last = number == section.max_tries
+        most = section.max_tries
+        for number in (most + 1,) if alone else range(1, most + 1):
+            last = number >= most
             try:
                 show = partial(
                     capture,
@@ -299,7 +300,7 @@ def render_page(
                     rules=section.rules,
                     max_height=section.max_page_height,
                     page_id=int(item.key),
-                    strict=not last,
+                    strict=alone or not last,
                     patience=_PATIENCE if alone else 1,
                     turn=web.turn,
                 )
@@ -324,7 +325,7 @@ def render_page(
                 elif isinstance(error, PageMoved) and not alone:
                     raise Postponed(error.reason) from None
     failed = {"outcome": "failed", "reason": reason, "value": value or None}
-    return {**answer, **failed, "tries": section.max_tries}
+    return {**answer, **failed, "tries": number}
 
 
 def _final(

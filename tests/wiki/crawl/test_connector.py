@@ -94,7 +94,7 @@ def tables(run) -> dict[str, list[dict]]:
     run_clean(run, "wiki")
     return {
         name: pq.read_table(run.root / "clean" / "wiki" / name).to_pylist()
-        for name in ("pages", "elements", "cells", "images", "rejected")
+        for name in ("pages", "elements", "cells", "images", "rejected", "failed")
     }
 
 
