@@ -139,6 +139,11 @@ class PageTraffic:
             return None
         return None if answer["base64Encoded"] else str(answer["body"])
 
+    @property
+    def landed(self) -> DocumentResponse | None:
+        """The last response of the page's own document, behind redirects; None without one."""
+        return self.served.get(self._addresses.get(self._document or "", ""))
+
     def of(self, url: str) -> DocumentResponse | None:
         """The last response of a URL; None when it was not requested."""
         return self.served.get(_bare(url))
@@ -306,7 +311,7 @@ def _check_document(browser: Browser, network: PageTraffic, url: str) -> None:
     """Check the status of the document: the browser shows error pages silently."""
     where, status = browser.script(_STATUS)
     if not where.startswith(("http:", "https:")):
-        served = network.of(url)
+        served = network.landed
         if served is not None and 400 <= served.status < 500 and not served.may_come_back:
             raise of_status(served.status)  # without a body to show
         unserved = served is not None and not served.barred and not 0 < served.status < 400
