@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from kb.clips.frames import UndecodableVideo
+from kb.core import signals
 from kb.core.video_names import possible_ids, without_stream
 from kb.store.regular_file import NotRegular, check_regular
 
@@ -30,7 +31,7 @@ _ENDINGS = frozenset(
     (".mp4", ".m4v", ".mkv", ".webm", ".mov", ".avi", ".flv", ".ts", ".3gp", ".mpg", ".mpeg")
 )
 # How `yt-dlp --split-chapters` names the film of a chapter.
-_CHAPTER = re.compile(r"(.*) - ([0-9]{3,}) .*")
+_CHAPTER = re.compile(r".* - [0-9]{3,} .*")
 _END = 10**13  # µs; beyond the end of every film
 _THREADS = 8  # that wait for disks
 
@@ -52,7 +53,7 @@ class Found(NamedTuple):
 
 def find_films(folders: Iterable[Path], lengths_s: Mapping[str, float | None]) -> Found:
     """The films of videos in these folders or below them. `lengths_s`: of each video, None where it
-    is not known. Raises OSError for a folder that can't be read.
+    is not known. Raises OSError for a folder that can't be read, Interrupted.
     """
     named = candidates(folders, lengths_s)
     with ThreadPoolExecutor(_THREADS, "films") as threads:
@@ -114,6 +115,7 @@ def _choose(paths: list[Path], video_s: float | None) -> Path | tuple[str, str]:
     refused = dict[str, str]()
     chapters = [path for path in paths if _CHAPTER.fullmatch(path.stem)]
     for path in paths:
+        signals.stop.check()
         if path in chapters and (video_s is None or len(chapters) > 1):
             refused.setdefault(FILM_DIFFERS, f"{path.name} is the film of a chapter")
             continue
@@ -132,7 +134,7 @@ def _choose(paths: list[Path], video_s: float | None) -> Path | tuple[str, str]:
 def film_length_s(path: Path) -> float:
     """From the start of a container to the end of its last picture or sound (s), whatever its
     header says: read from packets, of which nothing is decoded. Raises UndecodableVideo,
-    NotRegular, OSError.
+    NotRegular, OSError, Interrupted.
     """
     import av  # noqa: PLC0415  belongs to the extra `clips`
 
@@ -167,6 +169,7 @@ def _end(film: av.container.InputContainer, *, seeks: bool) -> Fraction | None:
         if seeks:
             film.seek(_END)
         for packet in film.demux(streams):
+            signals.stop.check()
             if packet.pts is not None and packet.time_base is not None:
                 shown = (packet.pts + (packet.duration or 0)) * packet.time_base
                 shown += 0 if packet.duration else _step(packet.stream)

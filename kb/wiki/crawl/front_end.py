@@ -14,8 +14,9 @@ from kb.wiki.browser.browser import Pool
 from kb.wiki.capture.page import check_page
 from kb.wiki.crawl.discover import Comparison
 from kb.wiki.crawl.http_client import WikiHosts
-from kb.wiki.errors import Challenge, HttpStatus, PageRefused, turned_away
+from kb.wiki.errors import Challenge, NotAnImage, PageRefused, turned_away
 
+_OF_US = (Challenge, NotAnImage, PageRefused)  # no deleted or moved item is answered like this
 # Asks for another item, and raises as a fetch does; whether that one was answered before.
 Probe = tuple[Callable[[], None], bool]
 
@@ -58,7 +59,8 @@ class FrontEnd:
                     probe()
                 except (ItemFinal, Challenge) as error:
                     refused = True
-                    if answered_before and not _gone(error):
+                    # A page that was shown may be gone or another one by now, so more are asked.
+                    if answered_before and isinstance(error, _OF_US):
                         break
                 except Retryable:
                     continue  # it says nothing about us
@@ -84,8 +86,3 @@ def file_probes(web: WikiHosts, others: Iterable[Comparison]) -> Iterator[Probe]
     """Files are asked for, and not read."""
     for other in others:
         yield partial(web.check_file, other.url), other.answered_before
-
-
-def _gone(error: ItemFinal | Retryable) -> bool:
-    """Whether an answer is that of an item that may be deleted since it was answered."""
-    return isinstance(error, HttpStatus) and not isinstance(error, PageRefused)
