@@ -43,6 +43,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
         *(Present(column, stage="missing") for column in NEEDED),
         RecordedReason("robots", value="said", stage="robots"),
         RecordedReason("render", value="said", stage="render"),
+        RecordedReason("failed", stage="render", verdict="failed"),
         Waits("captured", (False,), stage="render", reason="render"),
         AtLeast("word_count", p.section(WikiSection).min_words, "words", "wiki.min_words"),
         *none_above(

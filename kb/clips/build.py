@@ -22,11 +22,12 @@ from collections.abc import Iterator, Sequence
 from itertools import compress, groupby, islice
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
 from kb.artifacts import freshness, table_catalog
+from kb.artifacts.table_catalog import Catalog
 from kb.clips.clip_files import (
     CutOptions,
     LeftOut,
@@ -36,7 +37,8 @@ from kb.clips.clip_files import (
     shard_report,
     writer_of,
 )
-from kb.clips.clip_sources import cut, frame_times, video_files
+from kb.clips.clip_sources import cut, frame_times
+from kb.clips.film_lookup import FILM_DIFFERS, MISSING, UNDECODABLE, Found, find_films
 from kb.clips.frames import UndecodableVideo
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -48,11 +50,14 @@ from kb.store.atomic import write_bytes, write_text
 from kb.store.tables import database
 from kb.store.tables.reading import reading, scan
 
+if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
 _VIDEOS = 16  # of a shard
 _BATCH = 2048  # rows that are read at a time
 _MEMORY = "1GB"  # of DuckDB, which spills what is more
 _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
-MISSING, SHORT, UNDECODABLE = "missing", "short", "undecodable"
+SHORT = "short"
 _COLUMNS = "pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, text"
 
 
@@ -68,11 +73,11 @@ class Chosen(NamedTuple):
 
 
 class Selection(NamedTuple):
-    """Chosen pairs. `films`: the file of each video that has one. `videos`: every video's id.
-    `rows`: the pairs of one video after the other, by time; they can be read once.
+    """Chosen pairs. `found`: the films of their videos. `videos`: every video's id. `rows`: the
+    pairs of one video after the other, by time; they can be read once.
     """
 
-    films: dict[str, Path]
+    found: Found
     videos: list[str]
     rows: Iterator[list[Row]]
 
@@ -80,22 +85,24 @@ class Selection(NamedTuple):
 def plan(run: Run, folders: Sequence[Path], options: CutOptions, chosen: Chosen) -> Summary:
     """What a run would cut: files, clips, hours and size. Decodes and writes nothing."""
     _require()
-    pairs = clips = 0
+    clips, left_out = 0, Counter[str]()
     seconds = 0.0
-    with selected(run, folders, chosen, _COLUMNS) as (films, _, rows):
+    with selected(run, folders, chosen, _COLUMNS) as (found, _, rows):
         for own in rows:
-            pairs += len(own)
-            if own[0]["video_id"] in films:
+            if own[0]["video_id"] in found.films:
                 clips += len(own)
                 seconds += sum(row["clip_end_s"] - row["clip_start_s"] for row in own)
+            else:
+                left_out[found.reason(own[0]["video_id"])[0]] += len(own)
     height, width = options.size
     share = _JPEG_SHARE if options.format == "webdataset" else 1
     size = clips * options.frames * height * width * 3 * share
     return Summary(
         command="clips",
-        pairs=pairs,
-        missing=pairs - clips,
-        videos=len(films),
+        pairs=clips + left_out.total(),
+        **{reason: left_out[reason] for reason in (MISSING, UNDECODABLE, FILM_DIFFERS)},
+        videos=len(found.films),
+        unknown_length=found.unknown,
         hours=round(seconds / 3600, 2),
         gigabytes=round(size / 1e9, 2),
     )
@@ -104,7 +111,8 @@ def plan(run: Run, folders: Sequence[Path], options: CutOptions, chosen: Chosen)
 def build(
     run: Run, folders: Sequence[Path], out: Path, options: CutOptions, chosen: Chosen
 ) -> Summary:
-    """Cut the clips that are not cut yet. pairs = clips + missing + short + undecodable.
+    """Cut the clips that are not cut yet. pairs = clips + missing + short + undecodable +
+    film_differs.
 
     Raises FatalError without pairs, UsageError for a wrong folder, MissingExtra, DiskFull,
     Interrupted; the same call resumes.
@@ -113,7 +121,8 @@ def build(
     _require()
     left_out: list[LeftOut] = []
     clips = 0
-    with selected(run, folders, chosen, _COLUMNS) as (films, videos, rows):
+    with selected(run, folders, chosen, _COLUMNS) as (found, videos, rows):
+        films = found.films
         starts = range(0, len(videos), _VIDEOS)
         names = {
             at: f"clips-{at // _VIDEOS:05d}"
@@ -128,7 +137,7 @@ def build(
             for at in starts:
                 shard = list(islice(rows, _VIDEOS))
                 left_out.extend(
-                    LeftOut(row["pair_id"], row["video_id"], MISSING, "no file of this video")
+                    LeftOut(row["pair_id"], row["video_id"], *found.reason(row["video_id"]))
                     for own in shard
                     for row in own
                     if row["video_id"] not in films
@@ -152,8 +161,9 @@ def build(
         command="clips",
         pairs=clips + len(left_out),
         clips=clips,
-        **{reason: counts[reason] for reason in (MISSING, SHORT, UNDECODABLE)},
+        **{reason: counts[reason] for reason in (MISSING, SHORT, UNDECODABLE, FILM_DIFFERS)},
         videos=len(films),
+        unknown_length=found.unknown,
         path=str(place),
     )
 
@@ -203,10 +213,24 @@ def selected(
                 "the pairs have no texts, as in every release, so their clips get no tokens:"
                 " restore the release first"
             )
+        found = find_films(folders, dict.fromkeys(with_text) | _lengths(con, catalog))
         reader = con.sql("FROM chosen").to_arrow_reader(_BATCH)  # in the order of their making
         rows = (row for batch in reader for row in batch.to_pylist())
         by_video = (list(own) for _, own in groupby(rows, key=itemgetter("video_id")))
-        yield Selection(video_files(folders, with_text), list(with_text), by_video)
+        yield Selection(found, list(with_text), by_video)
+
+
+def _lengths(con: DuckDBPyConnection, catalog: Catalog) -> dict[str, float | None]:
+    """Of the chosen videos that the data describe, how long each is (s)."""
+    videos = table_catalog.bare(catalog.views).get("youtube_videos")
+    if videos is None:
+        return {}
+    with reading(videos.files):
+        rows = con.execute(
+            f"SELECT video_id, duration_s FROM {scan(videos.files)}"
+            " WHERE video_id IN (SELECT video_id FROM chosen)"
+        )
+        return dict(rows.fetchall())
 
 
 def _near(run: Run, chosen: Chosen) -> str:

@@ -31,7 +31,9 @@ class CutOptions(msgspec.Struct, frozen=True):
 
 
 class LeftOut(msgspec.Struct, frozen=True):
-    """A pair without a clip. `reason`: missing, short or undecodable; `what` says more."""
+    """A pair without a clip. `reason`: missing, short, undecodable or film_differs; `what` says
+    more.
+    """
 
     pair_id: str
     video_id: str

@@ -1,32 +1,23 @@
-"""Where single clips come from: the user's films, or shards that `kb clips` has cut.
-
-The film of a video is `ID.ext`, `TITLE [ID].ext` as yt-dlp names it, `TITLE-ID.ext` as youtube-dl
-did, or a file in `ID/`; where that is missing the largest of its streams (`ID.f137.ext`). All clips
-of a film are cut in one pass.
+"""Where single clips come from: the user's films (kb.clips.film_lookup), or shards that `kb clips`
+has cut. All clips of a film are cut in one pass.
 """
 
 from __future__ import annotations
 
 import io
-import os
 import tarfile
-from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
 import msgspec
 
 from kb.clips.clip_files import CutOptions, Row, ShardReport, shard_reports
+from kb.clips.film_lookup import MISSING, find_films
 from kb.clips.frames import Fit, UndecodableVideo, frames_at
 from kb.core.errors import UsageError
 from kb.core.installation import np
 from kb.core.regular_file import open_regular
-from kb.core.video_names import possible_ids, without_stream
-
-_ENDINGS = frozenset(
-    (".mp4", ".m4v", ".mkv", ".webm", ".mov", ".avi", ".flv", ".ts", ".3gp", ".mpg", ".mpeg")
-)
 
 # The images of a clip (uint8 [frames, height, width, 3], RGB) and their times (float64 [frames]).
 Frames = tuple[np.ndarray, np.ndarray]
@@ -39,8 +30,10 @@ class NoClip(Exception):
 class ClipSource(Protocol):
     """Has the clips of some pairs, in any order."""
 
-    def has(self, row: Row) -> bool:
-        """Whether there is a file for the pair."""
+    def lack(self, row: Row) -> tuple[str, str] | None:
+        """Why the pair has no clip: a reason of kb.clips.film_lookup, and a sentence. None where
+        there is a file.
+        """
 
     def read(self, row: Row) -> Frames:
         """The clip of a pair. Raises NoClip."""
@@ -50,23 +43,27 @@ class Films:
     """Decodes each clip when it is asked for."""
 
     def __init__(
-        self, folders: Iterable[Path], video_ids: Collection[str], options: CutOptions
+        self, folders: Iterable[Path], lengths_s: Mapping[str, float | None], options: CutOptions
     ) -> None:
-        """Raises UsageError for a folder that does not exist."""
+        """`lengths_s`: of each video, None where it is not known. Raises UsageError for a folder
+        that does not exist.
+        """
         folders = list(folders)
         for folder in folders:
             if not folder.is_dir():
                 raise UsageError(f"{folder} is not a folder")
-        self._files, self._options = video_files(folders, video_ids), options
+        self._found, self._options = find_films(folders, lengths_s), options
 
-    def has(self, row: Row) -> bool:
-        return row["video_id"] in self._files
+    def lack(self, row: Row) -> tuple[str, str] | None:
+        video_id = row["video_id"]
+        return None if video_id in self._found.films else self._found.reason(video_id)
 
     def read(self, row: Row) -> Frames:
         options = self._options
         times = frame_times(row["clip_start_s"], row["clip_end_s"], options.frames)
         try:
-            for _, images in cut(self._files[row["video_id"]], [times], options.size, options.fit):
+            film = self._found.films[row["video_id"]]
+            for _, images in cut(film, [times], options.size, options.fit):
                 return images, times
         except UndecodableVideo as error:
             raise NoClip(str(error)) from None
@@ -96,8 +93,9 @@ class Shards:
                 f"{folder} has no clips", hint="`kb clips --videos DIR --out DIR` cuts them"
             )
 
-    def has(self, row: Row) -> bool:
-        return row["pair_id"] in self._places
+    def lack(self, row: Row) -> tuple[str, str] | None:
+        there = row["pair_id"] in self._places
+        return None if there else (MISSING, "no clip in the shards")
 
     def read(self, row: Row) -> Frames:
         report, path, place = self._places[row["pair_id"]]
@@ -161,30 +159,3 @@ def cut(
         images.append(image)
         if len(images) == len(times_s[clip]):
             yield clip, np.stack(cutting.pop(clip))
-
-
-def video_files(folders: Iterable[Path], ids: Collection[str]) -> dict[str, Path]:
-    """By video id: its file in these folders or below them. Of several the first one by folder
-    and name counts. Raises OSError for a folder that can't be read.
-    """
-    wanted, paths = frozenset(ids), dict[str, Path]()
-    streams = defaultdict[str, list[Path]](list)
-    for folder in folders:
-        for where, below, files in os.walk(folder, onerror=_refuse):
-            below.sort()
-            for path in (Path(where, name) for name in sorted(files)):
-                if path.suffix.lower() not in _ENDINGS:
-                    continue
-                stem = without_stream(path.stem)
-                named = (*possible_ids(stem), path.parent.name)
-                if key := next((one for one in named if one in wanted), ""):
-                    if stem == path.stem:
-                        paths.setdefault(key, path)
-                    else:
-                        streams[key].append(path)
-    largest = {key: max(some, key=lambda one: one.stat().st_size) for key, some in streams.items()}
-    return largest | paths
-
-
-def _refuse(error: OSError) -> None:
-    raise error

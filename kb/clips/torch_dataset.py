@@ -12,6 +12,7 @@ from typing import Any, cast
 import pyarrow as pa
 
 from kb.clips.clip_sources import ClipSource, NoClip
+from kb.clips.film_lookup import MISSING
 from kb.core.cached_property import cached_property
 from kb.core.errors import UsageError
 from kb.core.installation import np, torch
@@ -27,7 +28,9 @@ class ClipDataset:
     [frames]). Each epoch has every clip once over all ranks and workers; ranks differ by one clip
     at most. A clip that can't be read is left out with a warning that says why.
 
-    `left_out` counts the pairs that have no file ("missing") or no text ("no_text").
+    `left_out` counts the pairs that have no file ("missing"), one that is not their video
+    ("film_differs") or does not open ("undecodable"), or no text ("no_text"). A warning for each
+    such file says why.
     """
 
     def __init__(
@@ -39,18 +42,23 @@ class ClipDataset:
         """
         if not 0 <= rank < world_size:
             raise UsageError(f"rank is {rank}", hint=f"a number from 0 to {world_size - 1}")
-        reasons = [
-            "no_text" if row["text"] is None else "" if source.has(row) else "missing"
-            for batch in rows.to_batches()
-            for row in batch.to_pylist()
-        ]
+        reasons, refused = list[str](), dict[str, str]()
+        for batch in rows.to_batches():
+            for row in batch.to_pylist():
+                reason, what = source.lack(row) or ("", "")
+                reasons.append("no_text" if row["text"] is None else reason)
+                if reason not in ("", MISSING):
+                    refused[row["video_id"]] = what
+        for video_id, what in refused.items():
+            warnings.warn(f"video {video_id} has no clips: {what}", stacklevel=2)
         self.left_out = Counter(one for one in reasons if one)
         self._rows = rows.filter(pa.array([not one for one in reasons]))
         if not self._rows.num_rows:
             if self.left_out["no_text"]:
                 raise UsageError("the pairs have no text", hint="`kb restore` brings it back")
             raise UsageError(
-                "no pair has a video file", hint="files are found by id, such as ID.mp4"
+                "no pair has a video file",
+                hint=next(iter(refused.values()), "files are found by id, such as ID.mp4"),
             )
         self._source, self.seed, self.rank, self.world_size = source, seed, rank, world_size
         self.epoch = 0

@@ -29,7 +29,8 @@ KbError                     exit  what follows
 │       └── DiskFull              no space left to write
 └── ItemError               -     about one item; never leaves a stage
     ├── ItemFinal                 a fact about the item: recorded, not tried again
-    └── Retryable                 may go well next time: backoff, then `failed`
+    ├── Retryable                 may go well next time: backoff, then `failed`
+    └── Postponed                 may go well later in this run, after the other items
 """
 
 from datetime import datetime
@@ -251,3 +252,9 @@ class Retryable(ItemError):
         self.after = after
         self.unreachable = unreachable
         self.throttled = throttled
+
+
+class Postponed(ItemError):
+    """May go well later in this run: the item goes to the end of the queue and counts as not asked
+    for. The connector decides when it has failed.
+    """

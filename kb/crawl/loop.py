@@ -20,6 +20,7 @@ from kb.core.errors import (
     TURNED_AWAY,
     Blocked,
     ItemFinal,
+    Postponed,
     Retryable,
     Stopped,
     Unreachable,
@@ -205,7 +206,7 @@ class Loop:
     def _answers(self, phase: Phase, item: Item) -> bool:
         try:
             answer = next(iter(self.connector.fetch(phase, [item])), None)
-        except ItemFinal:
+        except (ItemFinal, Postponed):
             return True
         except Retryable:
             return False
@@ -228,6 +229,11 @@ class Loop:
             self.frontier.mark(phase.kind, self._unanswered(phase, items), "skipped", fact.reason)
         except Retryable as error:
             failure = error
+        except Postponed:
+            self.frontier.release(phase.kind, *self._unanswered(phase, items), last=True)
+            with self._changed:
+                self.scheduler.give_back(phase, len(items))
+            return None
         except BaseException as error:  # noqa: BLE001  kept as the reason to end
             # Another item tests whether a block is over, as one item may be refused forever.
             refused = isinstance(error, TURNED_AWAY)

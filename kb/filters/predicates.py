@@ -309,12 +309,13 @@ class NotIn(_OfOne):
 @dataclass(frozen=True)
 class RecordedReason(Predicate):
     """The column is null; what it holds is the reason that was recorded,
-    `value` the column of what goes with it.
+    `value` the column of what goes with it. `verdict`: of the rows that have one.
     """
 
     column: str
     stage: str
     value: str = ""
+    verdict: str = "rejected"
 
     @property
     def reads(self) -> frozenset[str]:
@@ -325,7 +326,9 @@ class RecordedReason(Predicate):
         reason = text(column(rows, self.column))
         value = text(column(rows, self.value)) if self.value else nothing(rows)
         return Judgement(
-            reason, pc.if_else(pc.is_valid(reason), value, pa.scalar(None, pa.string()))
+            reason,
+            pc.if_else(pc.is_valid(reason), value, pa.scalar(None, pa.string())),
+            verdict=self.verdict,
         )
 
 

@@ -22,8 +22,8 @@ from kb.core.sources import made_of
 from kb.reader.tables import OpenTables, QueryResult, TableView, with_hints
 
 Folder = str | os.PathLike[str]
-_TRAINED = ("pair_id", "video_id", "keyword", "text", "clip_start_s", "clip_end_s")
-_OF_VIDEO = ("title", "view_count", "like_count", "published_at")
+_TRAINED = ("pair_id", "video_id", "keyword", "text", "clip_start_s", "clip_end_s", "duration_s")
+_OF_VIDEO = ("title", "duration_s", "view_count", "like_count", "published_at")
 
 
 class Clips(QueryResult):
@@ -48,8 +48,9 @@ class Clips(QueryResult):
             for batch in torch.utils.data.DataLoader(clips, batch_size=64, num_workers=4): …
 
         Decodes the user's own video files in the folders `videos`, found by id (ID.mp4, TITLE
-        [ID].webm, ID/video.mkv), or reads `shards`, the folder that `kb clips --out` wrote. `size`:
-        height and width in px. docs/train.md has a whole training loop.
+        [ID].webm, ID/video.mkv) and taken if they are as long as the video, or reads `shards`, the
+        folder that `kb clips --out` wrote. `size`: height and width in px. docs/train.md has a
+        whole training loop.
 
         Raises MissingExtra, and UsageError for wrong arguments or where no clip has file and text.
         """
@@ -66,7 +67,9 @@ class Clips(QueryResult):
             given = [videos] if isinstance(videos, str | os.PathLike) else videos or ()
             source = Films(
                 [Path(one).absolute() for one in given],
-                cast("set[str]", set(rows["video_id"].to_pylist())),
+                dict(
+                    zip(*rows.select(["video_id", "duration_s"]).to_pydict().values(), strict=True)
+                ),
                 options,
             )
         return torch_dataset(rows, source, seed=seed, rank=rank, world_size=world_size)

@@ -42,7 +42,8 @@ import pyarrow.compute as pc
 from kb.annotate.backends import choose_device
 from kb.artifacts import manifest, measures, table_catalog
 from kb.artifacts.measures import QUANTILES, quantiles_of
-from kb.clips.build import MISSING, SHORT, UNDECODABLE, Chosen, selected, version_of
+from kb.clips.build import SHORT, Chosen, selected, version_of
+from kb.clips.film_lookup import FILM_DIFFERS, MISSING, UNDECODABLE
 from kb.clips.frames import UndecodableVideo, frames_at
 from kb.core import signals
 from kb.core.config.profile import Profile
@@ -71,6 +72,7 @@ _RULES = 1  # raise it when the same film, pairs and model give other scores
 _COLUMNS = "pair_id, video_id, text, clip_start_s, clip_end_s, match_start_s, match_end_s"
 NAME = "pairs/scores"
 NO_TEXT = "no_text"
+_REASONS = (MISSING, SHORT, UNDECODABLE, FILM_DIFFERS, NO_TEXT)
 SECTION = "scores"
 _BINS = 10
 _LEAST = 20  # judged pairs from which on a threshold is proposed
@@ -188,9 +190,9 @@ def score(
 ) -> Summary:
     """Score the chosen pairs; those that were scored by the same model before keep their scores.
 
-    pairs = scored + missing + short + undecodable + no_text. Raises FatalError without pairs,
-    UsageError for a wrong folder, MissingExtra, MissingModel, SettingError (no such device),
-    WriterLocked, DiskFull, Interrupted; the same call resumes.
+    pairs = scored + missing + short + undecodable + film_differs + no_text. Raises FatalError
+    without pairs, UsageError for a wrong folder, MissingExtra, MissingModel, SettingError (no such
+    device), WriterLocked, DiskFull, Interrupted; the same call resumes.
     """
     path = checkpoint_file(run.profile) if model is None else model.expanduser()
     if not path.exists():
@@ -207,19 +209,19 @@ def score(
     scored_rows: list[pa.Table] = []
     waiting = deque[list[Row]]()
     with (
-        selected(run, folders, chosen, _COLUMNS) as (films, _, rows),
+        selected(run, folders, chosen, _COLUMNS) as (found, _, rows),
         writer(run.root, "pairs"),
-        run.progress.task("pairs score", total=len(films), unit="videos") as task,
-        make_executor("local", min(run.workers, max(1, len(films)))) as executor,
+        run.progress.task("pairs score", total=len(found.films), unit="videos") as task,
+        make_executor("local", min(run.workers, max(1, len(found.films)))) as executor,
     ):
 
         def todo() -> Iterator[tuple[str, str, str, str, str, list[Row]]]:
             for own in rows:
                 with_text = [row for row in own if row["text"] is not None]
                 counts[NO_TEXT] += len(own) - len(with_text)
-                film = films.get(own[0]["video_id"])
+                film = found.films.get(own[0]["video_id"])
                 if film is None:
-                    counts[MISSING] += len(with_text)
+                    counts[found.reason(own[0]["video_id"])[0]] += len(with_text)
                 elif with_text:
                     waiting.append(with_text)
                     yield state, str(path), name, device, str(film), with_text
@@ -235,8 +237,9 @@ def score(
         command="pairs score",
         pairs=scored + counts.total(),
         scored=scored,
-        **{reason: counts[reason] for reason in (MISSING, SHORT, UNDECODABLE, NO_TEXT)},
+        **{reason: counts[reason] for reason in _REASONS},
         videos=len(scored_rows),
+        unknown_length=found.unknown,
         model=name,
         visible=visible,
         path=str(Layout(run.root).pairs),

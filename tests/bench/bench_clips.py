@@ -118,7 +118,7 @@ def test_a_loader(films: Path, name: str, workers: int) -> None:
             "clip_end_s": [float(start + LENGTH) for start in starts],
         }
     )
-    source = Films([films], {name}, CutOptions(FRAMES))
+    source = Films([films], {name: None}, CutOptions(FRAMES))
     dataset = torch_dataset(rows, source, seed=0, rank=0, world_size=1)
     peak = frames = 0
     start = time.monotonic()

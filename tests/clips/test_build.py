@@ -9,6 +9,7 @@ import os
 import shutil
 import tarfile
 import threading
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
@@ -23,7 +24,6 @@ from PIL import Image
 
 from kb.clips import build
 from kb.clips.clip_files import CutOptions
-from kb.clips.clip_sources import video_files
 from kb.core.context import Run
 from kb.core.errors import UsageError
 from kb.pairs.clip_tokens import token_ids
@@ -33,8 +33,6 @@ from tests.release.made import build as made
 
 IDS = [f"vid{n:08d}" for n in range(4)]  # 0: whole, 1: short, 2: no film, 3: no file
 OPTIONS = CutOptions(frames=4, size=(90, 160))
-
-IDS_video_files = ("9LTiW466lNx", "-_abcdefghi", "f7Ls9uxGu_x", "nEiYFJtc4Jx")
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +158,8 @@ def test_a_film_that_changes_while_it_is_read_has_no_clips(
 
 def test_a_plan_says_what_is_there(run: Run, places, tmp_path: Path) -> None:
     planned = build.plan(run, [places[1]], OPTIONS, build.Chosen())
-    assert (planned["pairs"], planned["missing"], planned["videos"]) == (8, 2, 3)
+    assert (planned["pairs"], planned["missing"], planned["undecodable"]) == (8, 2, 2)
+    assert (planned["videos"], planned["unknown_length"]) == (2, 2)
     one = build.plan(run, [places[1]], OPTIONS, build.Chosen(sample=1))
     assert one["pairs"] == 1
 
@@ -222,28 +221,31 @@ def test_tokens_are_those_of_clip() -> None:
     assert token_ids("cat " * 100)[-1] == 49407
 
 
-def test_every_form_of_name_is_found(tmp_path: Path) -> None:
-    names = (
-        "9LTiW466lNx.mp4",
-        "deep/er/A [good] day [-_abcdefghi].WEBM",
-        "f7Ls9uxGu_x/video.mkv",
-        "9LTiW466lNx.json",
-        "nEiYFJtc4Jx.mp4.part",
+def test_a_film_of_another_length_is_left_out_everywhere(tmp_path: Path) -> None:
+    root = made(tmp_path / "root", sources=("youtube", "pairs"), n=3, export=False)
+    (root / "state").mkdir()
+    films = tmp_path / "films"
+    films.mkdir()
+    rows = duckdb.sql(f"SELECT video_id, duration_s FROM '{root}/clean/youtube/videos/*.parquet'")
+    lengths = dict(rows.fetchall())
+    for key, length in ((IDS[0], lengths[IDS[0]]), (IDS[1], lengths[IDS[1]] + 25)):
+        path = films / f"{key}.mp4"
+        film(path, "libx264", range(length), Fraction(1), (64, 36), {"preset": "veryfast"})
+    run = replace(a_run(root), workers=1)
+    of = Counter(row["video_id"] for row in _pairs(root).values())
+    counts = {"missing": of[IDS[2]], "film_differs": of[IDS[1]], "unknown_length": 0}
+    summary = build.build(run, [films], tmp_path / "out", OPTIONS, build.Chosen())
+    planned = build.plan(run, [films], OPTIONS, build.Chosen())
+    for said in (summary, planned):
+        assert {name: said[name] for name in counts} == counts
+    assert (
+        summary["pairs"]
+        == of.total()
+        == sum(
+            summary[name] for name in ("clips", "missing", "short", "undecodable", "film_differs")
+        )
     )
-    for name in names:
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch()
-    found = {
-        key: str(path.relative_to(tmp_path))
-        for key, path in video_files([tmp_path], IDS_video_files).items()
-    }
-    assert found == dict(zip(IDS_video_files, names[:3], strict=False))
-
-
-def test_the_first_folder_counts(tmp_path: Path) -> None:
-    for name in ("b", "a"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / f"{IDS_video_files[0]}.mp4").touch()
-    found = video_files([tmp_path / "b", tmp_path / "a"], IDS_video_files)
-    assert found == {IDS_video_files[0]: tmp_path / "b" / f"{IDS_video_files[0]}.mp4"}
+    with (tmp_path / "out/left_out.csv").open() as file:
+        what = {row["video_id"]: row["what"] for row in csv.DictReader(file)}
+    length = lengths[IDS[1]]
+    assert what[IDS[1]].startswith(f"the film lasts {length + 25:.1f} s, the video {length} s")

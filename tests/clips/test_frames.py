@@ -9,7 +9,7 @@ import av
 import numpy as np
 import pytest
 
-from kb.clips.clip_sources import video_files
+from kb.clips.film_lookup import candidates
 from kb.clips.frames import UndecodableVideo, frames_at
 from tests.clips.films import Film, film, number_of, turned
 
@@ -203,8 +203,8 @@ def test_films_are_found_by_the_names_that_programs_give(tmp_path: Path) -> None
             (tmp_path / name).parent.mkdir(exist_ok=True)
             (tmp_path / name).write_bytes(b"x" * (size + 1))
     (tmp_path / "Another-eeeeeeeeeee.mp4").write_bytes(b"x")
-    found = video_files([tmp_path], names)
-    assert {key: path.relative_to(tmp_path).as_posix() for key, path in found.items()} == {
+    found = candidates([tmp_path], names)
+    assert {key: files[0].relative_to(tmp_path).as_posix() for key, files in found.items()} == {
         "aaaaaaaaaaa": "aaaaaaaaaaa.f137.mp4",
         "bbbbbbbbbbb": "A pot-bbbbbbbbbbb.mkv",
         "ccccccccccc": "Clay [youtube-ccccccccccc].mp4",

@@ -220,6 +220,19 @@ def test_pairs_without_a_clip_are_counted_or_warned_of(root: Path, films: Path) 
     assert len(warned) == 2
 
 
+def test_a_film_of_another_length_is_counted_and_warned_of(root: Path, films: Path) -> None:
+    rows = kb.load(root).clips().to_table()
+    named = {f"vid{VIDEOS - 2:08d}": 4, "vid00000003": 60}
+    lengths = [named.get(video_id, 20) for video_id in rows["video_id"].to_pylist()]
+    place = rows.schema.get_field_index("duration_s")
+    known = kb.reader.Clips(rows.set_column(place, "duration_s", [lengths]))
+    with pytest.warns(
+        UserWarning, match="vid00000003 has no clips: the film lasts 20.0 s, the vid"
+    ):
+        dataset = known.torch(films, **SMALL)
+    assert dataset.left_out == {"missing": 2, "film_differs": 2}
+
+
 def test_what_is_wrong_is_one_error(root: Path, films: Path, tmp_path: Path) -> None:
     clips = kb.load(root).clips()
     for match, wrong in (

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kb.clips.clip_sources import video_files
+from kb.clips.film_lookup import find_films
 from kb.clips.frames import frames_at
 from kb.core import installation
 from kb.core.errors import MissingExtra
@@ -56,7 +56,7 @@ def named(world: World, video: Video) -> dict[str, list[float]]:
 
 def test_kb_clips_finds_a_film_as_long_as_each_video(world: World, folder: Path) -> None:
     videos = world.youtube.videos
-    files = video_files([folder], videos)
+    files = find_films([folder], {key: video.seconds for key, video in videos.items()}).films
     assert files.keys() == videos.keys()
     for key, video in videos.items():
         shown = list(frames_at(files[key], [0.0, video.seconds - 0.01, video.seconds + 0.01]))

@@ -156,16 +156,18 @@ def test_every_pair_is_scored_or_counted(place: Path, here: Here) -> None:
     films = place / "some"
     films.mkdir()
     (films / "alpha000001.mp4").symlink_to(place / "films" / "alpha000001.mp4")
+    write_film(films / "alpha000002.mp4", timeline([], SECONDS / 2), SECONDS / 2)
     with_model = ("--videos", str(films), "--model", str(place / "small.pt"), "--workers", "1")
     done = here("pairs", "score", *with_model, "--json", *at)
     assert done.code == 0, done.err
     summary = json.loads(done.out.splitlines()[-1])
-    counted = (summary[name] for name in ("scored", "missing", "short", "undecodable", "no_text"))
-    assert summary["pairs"] == sum(counted)
+    reasons = ("missing", "short", "undecodable", "film_differs", "no_text")
+    assert summary["pairs"] == summary["scored"] + sum(summary[name] for name in reasons)
     assert summary["scored"] == scores(place).num_rows == 2
-    assert summary["missing"] == 1
+    assert summary["film_differs"] == 1
     # The film of the other video comes later: what was scored is not decoded again.
     before = {path: path.stat().st_mtime_ns for path in (place / "data/state/scores").iterdir()}
+    (films / "alpha000002.mp4").unlink()
     (films / "alpha000002.mp4").symlink_to(place / "films" / "alpha000002.mp4")
     assert here("pairs", "score", *with_model, *at).code == 0
     assert scores(place).num_rows == 3

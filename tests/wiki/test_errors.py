@@ -8,9 +8,8 @@ from kb.wiki import errors
 @pytest.mark.parametrize(
     ("status", "kind"),
     [
-        (401, errors.PageRefused),
-        (403, errors.PageRefused),
-        (404, errors.HttpStatus),
+        *((status, errors.PageRefused) for status in (400, 401, 402, 403, 405, 406, 418, 429, 499)),
+        *((status, errors.HttpStatus) for status in (404, 410, 414, 451)),
         (408, errors.TransientStatus),
         (425, errors.TransientStatus),
         (500, errors.HttpStatus),

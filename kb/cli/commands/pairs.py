@@ -157,7 +157,8 @@ def draw(
 @command(
     app,
     uses=("workers",),
-    json="pairs, scored, missing, short, undecodable, no_text, videos, model, visible, path",
+    json="pairs, scored, missing, short, undecodable, film_differs, no_text, videos,"
+    " unknown_length, model, visible, path",
     needs_data=True,
     examples=[
         "kb pairs score --videos films --model ViT-B-16.pt   all pairs whose film is in films",
@@ -325,7 +326,7 @@ class FrameFit(StrEnum):
 @command(
     clips_app,
     uses=("workers",),
-    json="pairs, clips, missing, short, undecodable, videos, path",
+    json="pairs, clips, missing, short, undecodable, film_differs, videos, unknown_length, path",
     planned=("videos", "keyword", "pairs", "where", "sample", "size", "frames", "format"),
     needs_data=True,
     examples=[

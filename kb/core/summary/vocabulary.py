@@ -151,6 +151,13 @@ WORDS: dict[str, Word] = {
     "clips.hours": Word("Duration of the clips in hours.", "{n} hours of clips"),
     "short": Word("Pairs whose film ends before their clip.", "{n} after the end of their film"),
     "undecodable": Word("Pairs whose film can't be decoded.", "{n} in undecodable films"),
+    "film_differs": Word(
+        "Pairs whose film is not as long as the video.", "{n} in films of another length"
+    ),
+    "unknown_length": Word(
+        "Films that were taken although the length of their video is not known.",
+        "{n} videos of unknown length",
+    ),
     "pairs score.scored": Word("Pairs that were scored.", "{n} scored", always=True),
     "pairs score.missing": Word("Pairs of videos without a file.", "{n} of videos without a file"),
     "no_text": Word("Pairs without a text.", "{n} without a text"),

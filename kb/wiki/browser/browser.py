@@ -343,6 +343,7 @@ class Pool:
         self._lock = threading.Lock()
         self._all: set[Browser] = set()
         self._idle = [self._new()]
+        self._entry, self._left, self._in_use = threading.Lock(), threading.Condition(), 0
 
     def _new(self) -> Browser:
         browser = self._start()
@@ -351,13 +352,42 @@ class Pool:
         return browser
 
     def use(
-        self, work: Callable[[Browser], Result], first: Callable[[], None] = lambda: None
+        self,
+        work: Callable[[Browser], Result],
+        first: Callable[[], None] = lambda: None,
+        *,
+        alone: bool = False,
     ) -> Result:
-        """Run `work` with an exclusive browser, limited to `seconds`.
+        """Run `work` with an exclusive browser, limited to `seconds`; `alone`: while no other one
+        works.
 
         `first` runs before the limit starts (waiting for a turn). Raises what `work` raises. The
         browser is reused after success and after errors of the server, and replaced after others.
         """
+        with self._place(alone=alone):
+            return self._use(work, first)
+
+    @contextlib.contextmanager
+    def _place(self, *, alone: bool) -> Iterator[None]:
+        """A place among those that work; from the moment that one waits to be alone, nobody else
+        begins.
+        """
+        with contextlib.ExitStack() as entry:
+            entry.enter_context(self._entry)
+            with self._left:
+                while alone and self._in_use:
+                    self._left.wait()
+                self._in_use += 1
+            if not alone:
+                entry.close()
+            try:
+                yield
+            finally:
+                with self._left:
+                    self._in_use -= 1
+                    self._left.notify_all()
+
+    def _use(self, work: Callable[[Browser], Result], first: Callable[[], None]) -> Result:
         with self._lock:
             browser = self._idle.pop() if self._idle else None
         try:

@@ -2,9 +2,10 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -14,7 +15,15 @@ from kb.core.errors import ItemFinal, Retryable
 from kb.net import retry
 from kb.wiki.browser.browser import Browser
 from kb.wiki.capture import screenshot
-from kb.wiki.errors import BrowserError, Challenge, NoResponse, ServerFault, of_status
+from kb.wiki.errors import (
+    BrowserError,
+    Challenge,
+    NoResponse,
+    OtherPage,
+    PageMoved,
+    ServerFault,
+    of_status,
+)
 
 _SETTLE = "return await window.__kb.settle(arguments[0]);"
 _AGAIN = "window.__kb.again(arguments[0]);"
@@ -130,6 +139,11 @@ class PageTraffic:
             return None
         return None if answer["base64Encoded"] else str(answer["body"])
 
+    @property
+    def landed(self) -> DocumentResponse | None:
+        """The last response of the page's own document, behind redirects; None without one."""
+        return self.served.get(self._addresses.get(self._document or "", ""))
+
     def of(self, url: str) -> DocumentResponse | None:
         """The last response of a URL; None when it was not requested."""
         return self.served.get(_bare(url))
@@ -156,6 +170,7 @@ def capture(
     max_height: int,
     page_id: int | None = None,
     strict: bool = True,
+    patience: int = 1,
     turn: Callable[[float | None, float], bool] = wait_retry_after,
 ) -> Captured:
     """Load `url` and write its screenshot to `shot`.
@@ -163,11 +178,14 @@ def capture(
     With `page_id`, the document must name it and end with `</html>`, as MediaWiki's do. `strict`
     fails when the end is missing, or a style sheet or script was not served; the last try accepts
     the page as it is. `turn(after, within)` waits until another request may be sent, at least
-    `after` seconds, and returns False when that takes longer than `within` seconds. Raises
-    Retryable (another try may succeed) or ItemFinal (it will not).
+    `after` seconds, and returns False when that takes longer than `within` seconds. A page that
+    moves while its picture is taken is looked at `patience` times, and must stand still that much
+    longer before. Raises Retryable (another try may succeed) or ItemFinal (it will not).
     """
     network = PageTraffic(browser)
-    try:
+    still = rules["still_seconds"] * patience
+    rules = {**rules, "still_seconds": still, "patience": patience}
+    with _explained(browser, network, url):
         browser.go(url)
         network.read()
         _check_document(browser, network, url)
@@ -179,9 +197,21 @@ def capture(
         if strict and (broken := browser.script(_BROKEN)):
             waits = [served.after or 0.0 for one in broken if (served := network.of(one))]
             raise ServerFault("resource_failed", after=max(waits, default=0.0) or None)
-        settled = _settle(browser, network, rules, turn)
-        browser.promise(_FREEZE, rules)
-        extraction = browser.script(page_script("extract.js"), rules)
+    look = partial(_look, browser, network, url, shot, rules, max_height, page_id, turn)
+    for _ in range(patience - 1):
+        try:
+            return look()
+        except PageMoved:
+            # What moved because its picture was taken stands still when it is taken again.
+            browser.allow(browser.page_seconds)
+    return look()
+
+
+@contextmanager
+def _explained(browser: Browser, network: PageTraffic, url: str) -> Iterator[None]:
+    """Tell what a page does that leaves while it is read, and how long to wait after an error."""
+    try:
+        yield
     except Retryable as error:
         if error.after is None and not browser.overdue:
             error.after = _retry_after(network, url)
@@ -190,9 +220,28 @@ def capture(
         # A page that redirects to another site ends in an error page, with various errors. The
         # driver also calls it a timeout when a page leaves while a script waits in it.
         raise _redirect_error(browser, url) or error from None
+
+
+def _look(
+    browser: Browser,
+    network: PageTraffic,
+    url: str,
+    shot: Path,
+    rules: dict[str, Any],
+    max_height: int,
+    page_id: int | None,
+    turn: Callable[[float | None, float], bool],
+) -> Captured:
+    """What the page shows once it stands still. Raises PageMoved when it did not, and as
+    `capture` does.
+    """
+    with _explained(browser, network, url):
+        settled = _settle(browser, network, rules, turn)
+        browser.promise(_FREEZE, rules)
+        extraction = browser.script(page_script("extract.js"), rules)
     page = extraction["page"]
     if not _same_site(page["url"], url):
-        raise _redirect_error(browser, url) or ItemFinal("redirected_away", page["url"])
+        raise _redirect_error(browser, url) or OtherPage("redirected_away", page["url"])
     if page_id is not None:  # it may have redirected while it settled
         _check_identity(page, page_id)
     if page["height"] > max_height:
@@ -209,7 +258,7 @@ def capture(
     browser.allow(browser.page_seconds * (1 + screenshot.count_tiles(page["height"])))
     sprites = screenshot.take_screenshot(browser, shot, page["width"], page["height"], crops)
     if browser.script(_MEASURE) != [page["width"], page["height"]]:
-        raise Retryable("page_moved: its size changed during the screenshot")
+        raise PageMoved("page_moved: its size changed during the screenshot")
     return Captured(extraction, html, settled, sprites)
 
 
@@ -262,13 +311,15 @@ def _check_document(browser: Browser, network: PageTraffic, url: str) -> None:
     """Check the status of the document: the browser shows error pages silently."""
     where, status = browser.script(_STATUS)
     if not where.startswith(("http:", "https:")):
-        served = network.of(url)
+        served = network.landed
+        if served is not None and 400 <= served.status < 500 and not served.may_come_back:
+            raise of_status(served.status)  # without a body to show
         unserved = served is not None and not served.barred and not 0 < served.status < 400
         raise _redirect_error(browser, url) or (NoResponse if unserved else BrowserError)(
             "not_loaded"
         )
     if not _same_site(where, url):
-        raise ItemFinal("redirected_away", where)
+        raise OtherPage("redirected_away", where)
     if status == 429 or status >= 500:
         served = network.of(where)
         raise ServerFault(
@@ -283,21 +334,24 @@ def _check_document(browser: Browser, network: PageTraffic, url: str) -> None:
 def _check_identity(shown: dict[str, Any], page_id: int) -> None:
     """Check page and revision, which MediaWiki names in `mw.config` of each page.
 
-    A title may lead to another page by now. Raises Challenge, ItemFinal.
+    A title may lead to another page by now. Raises Challenge, OtherPage.
     """
     if not isinstance(shown.get("page_id"), int) or not isinstance(shown.get("revision_id"), int):
         raise Challenge
     if shown["page_id"] != page_id or not shown["revision_id"]:
-        raise ItemFinal("other_page", str(shown["page_id"]))
+        raise OtherPage("other_page", str(shown["page_id"]))
 
 
-def check_page(browser: Browser, url: str) -> None:
-    """Load a page to see whether the wiki serves it. Raises Challenge, and as `capture` does."""
+def check_page(browser: Browser, url: str, page_id: int | None = None) -> None:
+    """Load a page, by its id if given, to see whether the wiki serves it. Raises as `capture`."""
     network = PageTraffic(browser)
     browser.go(url)
     network.read()
     _check_document(browser, network, url)
-    if not isinstance(browser.script(_IDENTITY).get("page_id"), int):
+    shown = browser.script(_IDENTITY)
+    if page_id is not None:
+        _check_identity(shown, page_id)
+    elif not isinstance(shown.get("page_id"), int):
         raise Challenge
 
 
@@ -309,7 +363,7 @@ def _redirect_error(browser: Browser, url: str) -> ItemFinal | None:
     except (Retryable, KeyError, IndexError):
         return None
     if current.startswith(("http:", "https:")) and not _same_site(current, url):
-        return ItemFinal("redirected_away", current)
+        return OtherPage("redirected_away", current)
     return None
 
 

@@ -20,6 +20,7 @@ from typing import Any, Self
 
 from kb.core.errors import Retryable
 from kb.wiki.browser.browser import Browser
+from kb.wiki.errors import PageMoved
 
 # CSS px. The browser paints the whole page for every tile, so few tall tiles are cheapest. A tile
 # with its strip stays within 8,192, the lowest limit observed.
@@ -78,7 +79,7 @@ def take_screenshot(
             if strip is not None:
                 shared = tile.crop((0, 0, width, strip.height))
                 if ImageChops.difference(strip, shared).getbbox():
-                    raise Retryable("screenshot_repeats: a tile does not show its part of the page")
+                    raise PageMoved("screenshot_repeats: a tile does not show its part of the page")
             if not rows:
                 continue
             strip = tile.crop((0, end - (overlap or min(STRIP, rows)), width, end))

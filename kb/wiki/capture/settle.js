@@ -61,8 +61,8 @@
   }
   // Once from top to bottom, for what loads when it comes into view.
   const scrolled = [];
-  async function scrollThrough(end) {
-    const frame = () => within(new Promise((done) => { native.requestAnimationFrame(() => native.requestAnimationFrame(done)); }), 200);
+  async function scrollThrough(end, patience) {
+    const frame = () => within(new Promise((done) => { native.requestAnimationFrame(() => native.requestAnimationFrame(done)); }), 200 * patience);
     for (let y = innerHeight; y < document.documentElement.scrollHeight && performance.now() < end; y += innerHeight) {
       scrollTo(0, y);
       await frame();
@@ -87,7 +87,7 @@
     let height = null, since = performance.now();
     if (!scrolled.length) {
       scrolled.push(true);
-      await scrollThrough(end);
+      await scrollThrough(end, rules.patience);
     }
     for (;;) {
       lazy();
@@ -101,7 +101,7 @@
     }
     const small = [...document.images].filter((img) => img.naturalWidth * img.naturalHeight <= rules.max_pixels);
     await within(Promise.all(small.map((img) => img.decode().catch(() => {}))), Math.max(0, end - performance.now()));
-    if (document.fonts) await within(document.fonts.ready, 1000);
+    if (document.fonts) await within(document.fonts.ready, 1000 * rules.patience);
     return { settled: true, failed: [...new Set(failed().map(address))] };
   }
 
@@ -180,7 +180,7 @@
     freeze: async (rules) => {
       freeze(rules);
       await within(Promise.all([...cycles.keys()].map((img) => img.decode())), 2000);
-      await new Promise((done) => { native.requestAnimationFrame(() => native.requestAnimationFrame(done)); native.setTimeout(done, 500); });
+      await new Promise((done) => { native.requestAnimationFrame(() => native.requestAnimationFrame(done)); native.setTimeout(done, 500 * rules.patience); });
     },
   };
   Object.defineProperty(window, "__kb", { value: kb });

@@ -15,12 +15,12 @@ from urllib.parse import urljoin, urlsplit, urlunsplit
 
 import msgspec
 
-from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable
+from kb.core.errors import FatalError, ItemFinal, Retryable
 from kb.crawl.connector import Answer
 from kb.crawl.limits import check_length
 from kb.net import bounded, retry
 from kb.wiki.crawl.http_client import WikiHosts
-from kb.wiki.errors import PageRefused
+from kb.wiki.errors import Challenge, PageRefused, TransientStatus, turned_away
 from kb.wiki.parse import answers
 
 BATCH = 50
@@ -52,11 +52,12 @@ class WikiApi:
     """Each method returns the answer to be recorded.
 
     Malformed answers (kb.wiki.parse.answers) are retried and never recorded. All methods raise
-    Retryable or Blocked after the last try, and FatalError for a request that the API refuses.
+    Retryable or Blocked after the last try, Challenged when the API turns us away, and FatalError
+    for a request that it refuses. `known`: the API has answered before.
     """
 
-    def __init__(self, endpoint: str, web: WikiHosts) -> None:
-        self.endpoint, self._web = endpoint, web
+    def __init__(self, endpoint: str, web: WikiHosts, *, known: bool = False) -> None:
+        self.endpoint, self._web, self._known = endpoint, web, known
         self._noticed = False
         self._loops: dict[tuple[int, int], _LoopDetector] = {}
 
@@ -142,19 +143,23 @@ class WikiApi:
 
     def ask(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
         """Ask one question; returns status and answer."""
-        return self._web.attempt(lambda: self._once(params))
+        try:
+            answer = self._web.attempt(lambda: self._once(params))
+        except Challenge as error:
+            raise turned_away(error.reason) from None
+        self._known = True
+        return answer
 
     def _once(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
         try:
             answer = self._web.get(
                 self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"}
             )
-        except PageRefused as error:
-            raise Blocked(
-                f"the wiki's API blocks requests ({error.reason})",
-                hint="wait and run the same command again",
-            ) from None
+        except TransientStatus as error:
+            raise Retryable(error.reason) from None
         except ItemFinal as error:
+            if self._known or isinstance(error, PageRefused):
+                raise turned_away(f"the wiki's API turns us away ({error})") from None
             raise FatalError(
                 f"the wiki's API at {self.endpoint} does not answer: {error}",
                 hint="open the URL in a browser",
@@ -164,11 +169,8 @@ class WikiApi:
             value = msgspec.json.decode(self._after_notice(content))
         except (msgspec.DecodeError, RecursionError):
             what = answers.quoted(answer.content[:1000].decode("utf-8", "replace"))
-            # An HTML page instead of JSON is a challenge: we are being turned away.
-            page = answer.content.lstrip()[:1] == b"<"
-            raise Retryable(
-                f"{self.endpoint} returns {what} instead of JSON", throttled=page
-            ) from None
+            kind = Challenge if content[:1] == b"<" else Retryable
+            raise kind(f"{self.endpoint} returns {what} instead of JSON") from None
         after = retry.retry_after(answer.headers.get("Retry-After"))
         refusal = value.get("error") if isinstance(value, dict) else None
         if isinstance(refusal, dict) and refusal:
@@ -176,7 +178,7 @@ class WikiApi:
             if code.startswith(_AGAIN):
                 raise Retryable(code, after=after)
             if code in ("blocked", "autoblocked", "readapidenied"):
-                raise Blocked(f"the wiki's API refuses: {refusal.get('info', code)}")
+                raise turned_away(f"the wiki's API refuses: {refusal.get('info', code)}")
             raise FatalError(
                 f"the wiki's API refuses {params.get('action')}: {refusal.get('info', code)}"
             )
@@ -297,23 +299,21 @@ class _FrontPage(HTMLParser):
 
 
 def find_endpoint(web: WikiHosts, url: str, *, known: bool = False) -> str:
-    """Find the URL of `api.php` by the front page's EditURI link. Raises FatalError, Blocked.
+    """Find the URL of `api.php` by the front page's EditURI link. Raises FatalError, Challenged.
 
     `known`: the wiki had one before, so a front page without it is a challenge.
     """
     web.barred(f"{url}/")
     try:
         page = web.attempt(lambda: web.get(f"{url}/", {}), service="the wiki")
-    except PageRefused as error:
-        raise Blocked(
-            f"the wiki blocks requests ({error.reason})", hint="wait and run the same command again"
-        ) from None
     except ItemFinal as error:
+        if known or isinstance(error, PageRefused):
+            raise turned_away(f"{url} turns us away ({error})") from None
         raise FatalError(f"{url} does not answer as a wiki: {error}") from None
     front = _FrontPage()
     front.feed(page.content[:_FRONT].decode("utf-8", "replace"))
     if not front.href and (known or front.unlisted or web.foreign_robots):
-        raise retry.blocked(f"{url} shows a page that is not the wiki's, as a challenge does")
+        raise turned_away(f"{url} shows a page that is not the wiki's, as a challenge does")
     if not front.href:
         raise FatalError(
             f"{url} has no EditURI link: it is not a MediaWiki, or answers with a challenge page",

@@ -22,6 +22,7 @@ from requests import PreparedRequest
 from kb.core.config.addresses import is_loopback
 from kb.core.config.profile.collecting import WikiSection
 from kb.core.context import Run
+from kb.core.errors import Postponed
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read
 from kb.crawl.connector import Answer, Connector, Opened, Phase
@@ -40,6 +41,7 @@ from kb.wiki.browser.browser import Pool
 from kb.wiki.capture import page
 from kb.wiki.crawl import discover, fetch, reduce
 from kb.wiki.crawl.client import BATCH, WikiApi, find_endpoint
+from kb.wiki.crawl.front_end import FrontEnd
 from kb.wiki.crawl.http_client import WikiHosts
 from kb.wiki.crawl.ids import read_titles
 from kb.wiki.crawl.reduce import PAYLOADS
@@ -98,6 +100,8 @@ class WikiConnector(Connector):
         self._lock = threading.Lock()
         self._api: WikiApi | None = None
         self._pool: Pool | None = None
+        self._front = FrontEnd()
+        self._moved: set[str] = set()  # pages that are tried alone when all others were shown
         self._file_names: list[str] = []
         self._shown = 0  # pages that were answered for in this run
         self._unread_facts = 0
@@ -173,9 +177,20 @@ class WikiConnector(Connector):
         elif phase.kind == "pages":
             pool = self._browsers()
             item, frontier = items[0], self.opened.frontier
-            others = partial(discover.comparison_urls, frontier, item.key, f"{self.url}/")
-            names = self._file_names
-            shown = fetch.render_page(self._web, self.section, pool, item, others, names)
+            try:
+                shown = fetch.render_page(
+                    self._web,
+                    self.section,
+                    pool,
+                    item,
+                    partial(discover.other_pages, frontier, item.key, f"{self.url}/"),
+                    self._file_names,
+                    front=self._front,
+                    alone=item.key in self._moved,
+                )
+            except Postponed:
+                self._moved.add(item.key)
+                raise
             if shown.get("revision_id", item.payload.revision_id) != item.payload.revision_id:
                 yield api.revision(shown["revision_id"])  # one that the wiki had not listed yet
             status = 200 if shown["outcome"] == "captured" else 0
@@ -185,7 +200,12 @@ class WikiConnector(Connector):
                     self._shown += 1
                     self._unread_facts += shown.get("unread_facts") or 0
         else:
-            yield from fetch.files(api, self._web, self.section, self._threads, items)
+            others = partial(
+                discover.other_files, self.opened.frontier, reached=self._web.rebase_loopback
+            )
+            yield from fetch.files(
+                api, self._web, self.section, self._threads, items, self._front, others
+            )
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """Apply an answer to the frontier."""
@@ -223,7 +243,9 @@ class WikiConnector(Connector):
         with self._lock:
             if self._api is None:
                 self._web.read_robots()
-                self._api = WikiApi(self._endpoint(), self._web)
+                endpoint = self._endpoint()
+                known = self.opened.frontier.get("site", reduce.ANSWERED) is not None
+                self._api = WikiApi(endpoint, self._web, known=known)
             return self._api
 
     def _endpoint(self) -> str:

@@ -4,9 +4,10 @@ A round reads the complete list of pages, or named titles; `--again` starts a ne
 is done. At its end, pages that the wiki no longer has become tombstones.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 import msgspec
 
@@ -17,11 +18,12 @@ from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
+from kb.wiki import media_urls
 from kb.wiki.crawl import reduce
 from kb.wiki.crawl.reduce import SiteItem, Title
 from kb.wiki.parse.tables import read_extraction
 
-COMPARED = 3  # challenged pages before a challenge counts as one to all pages
+COMPARED = 3  # other items that are asked for when one is refused
 
 
 class Round(msgspec.Struct):
@@ -123,17 +125,45 @@ def write_tombstones(frontier: Frontier, root: Path) -> None:
         tombstones.add(root, "wiki", rows)
 
 
-def comparison_urls(frontier: Frontier, key: str, front: str) -> list[str]:
-    """URLs of pages to compare a challenged one with.
+class Comparison(NamedTuple):
+    """Another page or file to ask for. `page_id` is None for the front page and for files."""
 
-    A captured page, else a random choice of waiting ones; the front page if there is no other.
+    url: str
+    page_id: int | None
+    answered_before: bool
+
+
+def other_pages(frontier: Frontier, key: str, front: str) -> list[Comparison]:
+    """Pages to compare a refused one with: captured ones, else waiting ones, drawn at random; the
+    front page if there is no other.
     """
     rng = clock.rng("others", key, clock.monotonic())
-    for status, most in (("done", 1), ("todo", COMPARED)):
-        pages = sorted(page.url for _, _, _, page in frontier.items("pages", status))
+    for status in ("done", "todo"):
+        pages = sorted(
+            Comparison(page.url, int(other), status == "done")
+            for other, _, _, page in frontier.items("pages", status)
+            if other != key
+        )
         if pages:
-            return rng.sample(pages, min(most, len(pages)))
-    return [front]
+            return rng.sample(pages, min(COMPARED, len(pages)))
+    return [Comparison(front, None, answered_before=False)]
+
+
+def other_files(
+    frontier: Frontier, url: str, reached: Callable[[str], str] = str
+) -> list[Comparison]:
+    """Files of the same host that were stored, to compare a refused one with, drawn at random.
+    `reached` gives the URL at which a recorded one is reached now.
+    """
+    host = urlsplit(url).netloc
+    stored = sorted(
+        Comparison(source, None, answered_before=True)
+        for key, _, _, file in frontier.items("files", "done")
+        for source in map(reached, media_urls.sources(key, file.src if file else None)[:1])
+        if urlsplit(source).netloc == host and source != url
+    )
+    rng = clock.rng("others", url, clock.monotonic())
+    return rng.sample(stored, min(COMPARED, len(stored)))
 
 
 def reopen_larger(frontier: Frontier, section: WikiSection) -> None:

@@ -18,9 +18,8 @@ import msgspec
 
 from kb.core import clock, signals
 from kb.core.config.profile.collecting import WikiSection
-from kb.core.errors import Blocked, ItemFinal, Retryable
+from kb.core.errors import ItemFinal, Postponed, Retryable
 from kb.crawl.connector import Answer
-from kb.net import retry
 from kb.store.atomic import replacing_folder
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import BELOW, Layout
@@ -29,16 +28,29 @@ from kb.store.state.frontier import Frontier, Item
 from kb.wiki import media_urls
 from kb.wiki.browser.browser import Pool
 from kb.wiki.capture import media_type
-from kb.wiki.capture.page import Captured, capture, check_page
+from kb.wiki.capture.page import Captured, capture
 from kb.wiki.capture.screenshot import pixel_box
 from kb.wiki.crawl import discover
 from kb.wiki.crawl.client import BATCH, WikiApi
+from kb.wiki.crawl.discover import Comparison
+from kb.wiki.crawl.front_end import FrontEnd, file_probes, page_probes
 from kb.wiki.crawl.http_client import WikiHosts
-from kb.wiki.errors import BrowserError, Challenge, NotAnImage, PageRefused, TransientStatus
+from kb.wiki.errors import (
+    BrowserError,
+    Challenge,
+    HttpStatus,
+    NotAnImage,
+    OtherPage,
+    PageMoved,
+    PageRefused,
+    TransientStatus,
+)
 from kb.wiki.parse import answers
 
 LARGEST_PART = 1_000_000  # characters of a picture in a data: address
 LONGEST = 5000  # bytes of titles in one URL; servers refuse longer ones
+_PATIENCE = 4  # of a page that moved, when it is tried alone
+_UNDECIDED = (NotAnImage, PageRefused, TransientStatus)  # the next run asks again
 
 
 def batch_titles(items: list[Item]) -> list[Item]:
@@ -104,9 +116,17 @@ def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:
 
 
 def files(
-    api: WikiApi, web: WikiHosts, section: WikiSection, threads: Executor, items: list[Item]
+    api: WikiApi,
+    web: WikiHosts,
+    section: WikiSection,
+    threads: Executor,
+    items: list[Item],
+    front: FrontEnd,
+    others: Callable[[str], list[Comparison]],
 ) -> Iterator[Answer]:
-    """The original images, with their descriptions by the wiki."""
+    """The original images, with their descriptions by the wiki. `others` gives the files to compare
+    a refused one with, by its URL.
+    """
     known: dict[str, dict[str, Any]] = {}
     names = dict.fromkeys(item.payload.title for item in items if item.payload.title)
     for part in _parts(names):
@@ -114,7 +134,15 @@ def files(
         yield answer
         known |= _by_title(answer)
     asked = [
-        threads.submit(fetch_original, web, section, item, known.get(item.payload.title or "", {}))
+        threads.submit(
+            fetch_original,
+            web,
+            section,
+            item,
+            known.get(item.payload.title or "", {}),
+            front,
+            others,
+        )
         for item in items
     ]
     failed: BaseException | None = None
@@ -139,12 +167,17 @@ def _by_title(answer: Answer) -> dict[str, dict[str, Any]]:
 
 
 def fetch_original(
-    web: WikiHosts, section: WikiSection, item: Item, page: dict[str, Any]
+    web: WikiHosts,
+    section: WikiSection,
+    item: Item,
+    page: dict[str, Any],
+    front: FrontEnd,
+    others: Callable[[str], list[Comparison]],
 ) -> dict[str, Any]:
     """Fetch one original image; returns the answer to be recorded.
 
     `page` is the wiki's description of the file, or empty. The file goes into raw/wiki/images under
-    the name of its hash. Raises Blocked.
+    the name of its hash. Raises Blocked, Challenged.
     """
     info = (page.get("imageinfo") or [{}])[0]
     answer: dict[str, Any] = {
@@ -155,9 +188,10 @@ def fetch_original(
     }
     folder = Layout(web.run.root).images
     inspect = partial(media_type.inspect, max_pixels=section.max_pixels)
-    reason, value, challenge = "", None, ""
+    reason, value, undecided, refused = "", None, "", ""
     known = filter(None, (info.get("url"), *media_urls.sources(item.key, item.payload.src)))
     for url in dict.fromkeys(map(web.rebase_loopback, known)):
+        front.check()
         if not web.allowed(url):
             reason, value = "robots", url
             continue
@@ -165,19 +199,23 @@ def fetch_original(
             sha256, image, size = web.attempt(
                 partial(web.download, url, folder, section.max_file_bytes, inspect)
             )
-        except NotAnImage as error:
-            challenge = error.reason
-            continue
         except ItemFinal as error:
-            reason, value = reason or error.reason, value or error.value
+            if isinstance(error, (HttpStatus, NotAnImage)):
+                refused = refused or url
+            if isinstance(error, _UNDECIDED):
+                undecided = undecided or error.reason
+            else:
+                reason, value = reason or error.reason, value or error.value
             continue
         except Retryable as error:
             # One failing image does not stop the crawl: the next run retries it.
             return {**answer, "outcome": "failed", "reason": str(error)}
         stored = _stored(sha256, image, size)
         return {**answer, **stored, "sha1": info.get("sha1"), "url": url}
-    if challenge:
-        return {**answer, "outcome": "failed", "reason": challenge}
+    if refused:
+        front.compare(undecided or reason, file_probes(web, others(refused)))
+    if undecided:
+        return {**answer, "outcome": "failed", "reason": undecided}
     if (item.payload.src or "").startswith("data:"):
         return {**answer, **_part_of_page(folder, item.payload.src, inspect)}
     if not reason:
@@ -223,11 +261,17 @@ def render_page(
     section: WikiSection,
     pool: Pool,
     item: Item,
-    others: Callable[[], Iterable[str]],
+    others: Callable[[], Iterable[Comparison]],
     file_names: Sequence[str] = ("File", "Image"),
+    *,
+    front: FrontEnd,
+    alone: bool = False,
 ) -> dict[str, Any]:
-    """All tries of one page; returns the answer to record. `others` are URLs of pages to compare
-    with when this one is answered by a challenge. Raises Retryable, Stopped, MissingExtra.
+    """All tries of one page; returns the answer to record. `others` are pages to compare with when
+    this one is refused. A page that moves while it is captured is postponed, and then shown
+    `alone`: once more, with no other page beside it, and more time.
+
+    Raises Retryable, Postponed, Stopped, MissingExtra.
     """
     url = web.rebase_loopback(item.payload.url)
     answer: dict[str, Any] = {
@@ -240,12 +284,14 @@ def render_page(
         return {**answer, "outcome": "robots", "reason": "disallowed", "value": None}
     root = web.run.root
     with (
+        front.page(),
         full_disk_is_resumable(root),
         tempfile.TemporaryDirectory(prefix=SCRATCH, dir=pages_folder(root)) as scratch,
     ):
         shot = Path(scratch) / "screenshot.png"
-        for number in range(1, section.max_tries + 1):
-            last = number == section.max_tries
+        most = section.max_tries
+        for number in (most + 1,) if alone else range(1, most + 1):
+            last = number >= most
             try:
                 show = partial(
                     capture,
@@ -254,65 +300,48 @@ def render_page(
                     rules=section.rules,
                     max_height=section.max_page_height,
                     page_id=int(item.key),
-                    strict=not last,
+                    strict=alone or not last,
+                    patience=_PATIENCE if alone else 1,
                     turn=web.turn,
                 )
-                captured = pool.use(show, first=web.pace.wait)
+                captured = pool.use(show, first=web.pace.wait, alone=alone)
+                front.shown()
                 stored = _store(root, item, captured, shot, file_names)
                 return {**answer, "tries": number, **stored}
             except ItemFinal as error:
-                return {**answer, **_final(web, error), "tries": number}
+                return {**answer, **_final(web, pool, error, front, others), "tries": number}
             except Retryable as error:
                 reason, _, value = error.reason.partition(": ")
                 web.rest(error.after)
                 if error.unreachable or isinstance(error, BrowserError):
                     final = _request_plainly(web, url, error)
                     if final is not None:
-                        return {**answer, **_final(web, final), "tries": number}
+                        verdict = _final(web, pool, final, front, others)
+                        return {**answer, **verdict, "tries": number}
                 elif not last:
                     clock.sleep(0.1 * number)
                 elif isinstance(error, Challenge):
-                    _compare_with_others(web, pool, others())
+                    front.compare(error.reason, page_probes(web, pool, others()))
+                elif isinstance(error, PageMoved) and not alone:
+                    raise Postponed(error.reason) from None
     failed = {"outcome": "failed", "reason": reason, "value": value or None}
-    return {**answer, **failed, "tries": section.max_tries}
+    return {**answer, **failed, "tries": number}
 
 
-def _final(web: WikiHosts, error: ItemFinal) -> dict[str, Any]:
-    """The outcome of an error that no retry can change. Raises Blocked.
-
-    Errors about one request rather than about the page are retried by the next run.
+def _final(
+    web: WikiHosts,
+    pool: Pool,
+    error: ItemFinal,
+    front: FrontEnd,
+    others: Callable[[], Iterable[Comparison]],
+) -> dict[str, Any]:
+    """The outcome of an error that no retry can change. Raises Challenged where other pages are not
+    shown either.
     """
-    if isinstance(error, PageRefused):
-        # One page may be refused for its own sake; a refused front page means us.
-        try:
-            web.attempt(lambda: web.get(f"{web.root}/", {}), service="the wiki")
-        except ItemFinal as refused:
-            raise Blocked(
-                f"the wiki blocks requests ({refused.reason})",
-                hint="wait and run the same command again",
-            ) from None
-    outcome = "failed" if isinstance(error, (PageRefused, TransientStatus)) else "final"
+    if isinstance(error, (HttpStatus, OtherPage)) and not isinstance(error, TransientStatus):
+        front.compare(error.reason, page_probes(web, pool, others()))
+    outcome = "failed" if isinstance(error, _UNDECIDED) else "final"
     return {"outcome": outcome, "reason": error.reason, "value": error.value}
-
-
-def _compare_with_others(web: WikiHosts, pool: Pool, others: Iterable[str]) -> None:
-    """Load other pages until one is shown: a challenge for one page may concern that page, but
-    challenges for all pages concern us. Uses the browser, as challenges treat plain clients
-    differently. Raises Blocked.
-    """
-    challenged = False
-    for url in others:
-        show = partial(check_page, url=web.rebase_loopback(url))
-        try:
-            pool.use(show, first=web.pace.wait)
-        except (Challenge, PageRefused):
-            challenged = True
-        except (ItemFinal, Retryable):
-            continue  # it says nothing about challenges
-        else:
-            return
-    if challenged:
-        raise retry.blocked("the wiki answers with a challenge instead of its pages")
 
 
 def _request_plainly(web: WikiHosts, url: str, error: Retryable) -> ItemFinal | None:

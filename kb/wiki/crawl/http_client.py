@@ -17,7 +17,7 @@ from protego import Protego
 from kb.core import clock
 from kb.core.config.addresses import is_loopback
 from kb.core.context import Run
-from kb.core.errors import Blocked, ItemFinal, Retryable
+from kb.core.errors import Challenged, ItemFinal, Retryable
 from kb.net import bounded, retry
 from kb.net.rate import Pace
 from kb.net.session import (
@@ -32,7 +32,7 @@ from kb.net.session import (
     user_agent,
 )
 from kb.store.rawlog import sidefiles
-from kb.wiki.errors import NotAnImage, of_status
+from kb.wiki.errors import NotAnImage, of_status, turned_away
 
 _GROUP = re.compile(r"^(\s*user-agent\s*:\s*)([a-z_*-]+).*$", re.IGNORECASE | re.MULTILINE)
 
@@ -141,9 +141,9 @@ class WikiHosts:
         return self._robots is None or self._robots.allows(url)
 
     def barred(self, url: str) -> None:
-        """Raise Blocked when robots.txt names us and bars the front page or the API."""
+        """Raise Challenged when robots.txt names us and bars the front page or the API."""
         if self._robots is not None and self._robots.named and not self._robots.allows(url):
-            raise Blocked(
+            raise Challenged(
                 f"the wiki's robots.txt names {PRODUCT} and bars {url}",
                 hint="ask the wiki's operators for permission",
             )
@@ -151,7 +151,7 @@ class WikiHosts:
     # -- requests --------------------------------------------------------------------------------
 
     def get(self, url: str, params: Mapping[str, str | int]) -> requests.Response:
-        """One paced request. Raises Retryable or ItemFinal."""
+        """One paced request. Raises Retryable, ItemFinal or Challenged."""
         self.pace.wait()
         return self._fetch(url, params)
 
@@ -208,11 +208,21 @@ class WikiHosts:
             raise
         if any(name in response.headers for name in _CHALLENGES):
             response.close()
-            raise retry.blocked(f"the wiki's front end answers {url} with a challenge")
+            raise turned_away(f"the wiki's front end answers {url} with a challenge")
         if response.status_code >= 400:
             response.close()
             raise of_status(response.status_code)
         return response
+
+    def check_file(self, url: str) -> None:
+        """Ask for an image file to see whether it is served, without reading it.
+
+        Raises NotAnImage for a page in its place, and as `get` does.
+        """
+        self._files.wait()
+        with self._fetch(url, {}, stream=True) as response:
+            if _media_type(response) == "text/html":
+                raise NotAnImage
 
     def download(
         self, url: str, folder: Path, limit: int, inspect: Callable[[bytes], Any]
@@ -241,11 +251,16 @@ class WikiHosts:
             content.clear()
             image = inspect(data)
             if image is None:
-                kind = response.headers.get("content-type", "").partition(";")[0].strip().lower()
-                raise NotAnImage if kind == "text/html" else ItemFinal("not_a_picture")
+                if _media_type(response) == "text/html":
+                    raise NotAnImage
+                raise ItemFinal("not_a_picture")
             name = hashlib.sha256(data).hexdigest()
             sidefiles.write_named(folder / f"{name}.{image.extension}", data)
             return name, image, len(data)
         finally:
             content.clear()  # an error keeps the frames that it came through
             data = b""
+
+
+def _media_type(response: requests.Response) -> str:
+    return response.headers.get("content-type", "").partition(";")[0].strip().lower()

@@ -254,6 +254,7 @@ HELPERS = (
     "captured",
     "robots",
     "render",
+    "failed",
     "said",
     "folder",
     "text",
@@ -265,10 +266,10 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
 
     A page is captured when its newest revision was shown under its newest title. Adds `key` (the
     id as text, or a title that has no page), `state` (what the wiki says of it), `of_page` (the id
-    of a redirect or the like, which has the title and is no page), `missing`, `robots` and
-    `render` (reasons) and `said` (what goes with the reason). Pages that are gone by the newest
-    answer are left out: the crawl writes their tombstones. `url` is the wiki's root, for raw data
-    without an answer about the site.
+    of a redirect or the like, which has the title and is no page), `missing`, `robots`, `render`
+    and `failed` (reasons; what failed is tried again by the next crawl) and `said` (what goes with
+    the reason). Pages that are gone by the newest answer are left out: the crawl writes their
+    tombstones. `url` is the wiki's root, for raw data without an answer about the site.
     """
     rows = newest.get("pages", schema("pages").empty_table())
     there = pc.equal(rows["state"], "there")
@@ -284,6 +285,7 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     shown = _joined(rows, captures, ("page_id", "revision_id", "title"))
     failed = _joined(rows, failures, ("page_id", "revision_id"))
     robots = pc.equal(failed["outcome"], "robots")
+    again = pc.equal(failed["outcome"], "failed")
     open_ = pc.and_(pc.is_null(shown["folder"]), pc.invert(absent))
     none = pa.scalar(None, pa.string())
     own: dict[str, Any] = {
@@ -293,7 +295,10 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
         "missing": pc.if_else(pc.and_(absent, pc.invert(unanswered)), rows["state"], none),
         "captured": pc.is_valid(shown["folder"]),
         "robots": pc.if_else(pc.and_(open_, robots), failed["reason"], none),
-        "render": pc.if_else(pc.and_(open_, pc.invert(robots)), failed["reason"], none),
+        "render": pc.if_else(
+            pc.and_(open_, pc.invert(pc.or_(robots, again))), failed["reason"], none
+        ),
+        "failed": pc.if_else(pc.and_(open_, again), failed["reason"], none),
         "said": pc.if_else(robots, failed["url"], failed["value"]),
         "folder": shown["folder"],
         "settled": shown["settled"],

@@ -5,7 +5,7 @@ import json
 import pytest
 from werkzeug.wrappers import Response
 
-from kb.core.errors import Blocked, FatalError, Retryable
+from kb.core.errors import Challenged, FatalError, Retryable
 from kb.wiki.crawl.client import WikiApi
 
 
@@ -48,9 +48,8 @@ def test_an_answer_of_another_shape_is_no_answer(wiki, api, answer) -> None:
 
 def test_html_instead_of_json_is_shown(wiki, api) -> None:
     wiki.hook = lambda request: Response("<html>\n checking your browser</html>")
-    with pytest.raises(
-        Blocked, match=r'/w/api.php returns "<html> checking your browser</html>" instead of JSON'
-    ):
+    said = r'/w/api.php returns "<html> checking your browser</html>" instead of JSON'
+    with pytest.raises(Challenged, match=said):
         api.site()
     wiki.hook = lambda request: Response("busy")
     with pytest.raises(Retryable, match=r'/w/api.php returns "busy" instead of JSON'):

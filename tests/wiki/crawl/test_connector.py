@@ -17,7 +17,7 @@ import pytest
 
 from kb.core.config.pipeline import load, locate
 from kb.core.errors import (
-    Blocked,
+    Challenged,
     DamagedData,
     LimitReached,
     MissingExtra,
@@ -94,7 +94,7 @@ def tables(run) -> dict[str, list[dict]]:
     run_clean(run, "wiki")
     return {
         name: pq.read_table(run.root / "clean" / "wiki" / name).to_pylist()
-        for name in ("pages", "elements", "cells", "images", "rejected")
+        for name in ("pages", "elements", "cells", "images", "rejected", "failed")
     }
 
 
@@ -391,9 +391,8 @@ def test_page_that_hangs_is_tried_as_often_as_asked_and_recorded(
     assert limits == [run.profile.wiki.page_seconds + LAST_SECONDS] * 2
     found = tables(run)
     assert [row["title"] for row in found["pages"]] == ["Saltstone"]
-    assert [(row["key"], row["stage"], row["reason"]) for row in found["rejected"]] == [
-        ("24", "render", "page_timeout")
-    ]
+    assert found["rejected"] == []
+    assert [(row["key"], row["reason"]) for row in found["failed"]] == [("24", "page_timeout")]
     monkeypatch.setattr(Browser, "go", go)
     faults.clear()
     assert crawl(run, names)["failed"] == 0
@@ -511,9 +510,9 @@ def test_a_wiki_that_refuses_us_is_no_fact_about_its_pages(make_run, faults, tmp
     faults.add(
         "/wiki/", after=1, times=None, status=403
     )  # the front page still shows where the API is
-    with pytest.raises(Blocked) as error:
+    with pytest.raises(Challenged) as error:
         crawl(run, names)
-    assert error.value.exit_code == 3
+    assert error.value.exit_code == 4
     assert crawl_left(run) == 1
     faults.clear()
     assert crawl(run, names)["crawled"] == 1

@@ -2,7 +2,7 @@
 
 import pytest
 
-from kb.core.errors import Blocked
+from kb.core.errors import Challenged
 from kb.wiki.browser.browser import reach
 from kb.wiki.crawl.client import find_endpoint
 
@@ -19,13 +19,13 @@ def test_robots_rule_the_api_only_where_they_name_us(wiki, web, api) -> None:
     assert not web.allowed(f"{wiki.url}/w/index.php")
     wiki.robots = "User-agent: lorecrawl\nDisallow: /w/\n"
     web.read_robots()
-    with pytest.raises(Blocked, match=r"names lorecrawl and bars http.*/w/api.php"):
+    with pytest.raises(Challenged, match=r"names lorecrawl and bars http.*/w/api.php"):
         web.barred(find_endpoint(web, wiki.url))
     wiki.robots = "User-agent: Lorecrawl/9\nDisallow: /\n"
     web.read_robots()
-    with pytest.raises(Blocked) as error:
+    with pytest.raises(Challenged) as error:
         find_endpoint(web, wiki.url)
-    assert error.value.exit_code == 3
+    assert error.value.exit_code == 4
 
 
 def test_both_schemes_of_a_wiki_are_the_same_place() -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import itertools
 import json
 
 import pyarrow.parquet as pq
@@ -9,7 +10,7 @@ import pytest
 from PIL import Image
 from werkzeug.wrappers import Response
 
-from kb.core.errors import Blocked, FatalError
+from kb.core.errors import Challenged, FatalError, LimitReached
 from kb.filters.filter_run import run_clean
 from kb.wiki.crawl.connector import crawl
 from tests.wiki.small_wiki import WORDS, SmallWiki
@@ -47,11 +48,14 @@ def challenges(*paths):
 
 
 def verdicts(run):
-    """(kept titles, stage and reason by key of the others)."""
+    """(kept titles, stage and reason by key of the others, the stage of those that failed being
+    "failed").
+    """
     run_clean(run, "wiki")
     kept = pq.read_table(run.root / "clean/wiki/pages")["title"].to_pylist()
-    rejected = pq.read_table(run.root / "clean/wiki/rejected").to_pylist()
-    return sorted(kept), {row["key"]: (row["stage"], row["reason"]) for row in rejected}
+    rows = pq.read_table(run.root / "clean/wiki/rejected").to_pylist()
+    rows += pq.read_table(run.root / "clean/wiki/failed").to_pylist()
+    return sorted(kept), {row["key"]: (row.get("stage", "failed"), row["reason"]) for row in rows}
 
 
 def test_a_page_that_is_always_challenged_is_never_stored(wiki, run):
@@ -59,7 +63,7 @@ def test_a_page_that_is_always_challenged_is_never_stored(wiki, run):
     summary = crawl(run)
     assert (summary["crawled"], summary["failed"]) == (2, 1)
     assert wiki.asked.count("/wiki/Beta") == run.profile.wiki.max_tries
-    assert verdicts(run) == (["Alpha", "Gamma"], {"2": ("render", "challenge")})
+    assert verdicts(run) == (["Alpha", "Gamma"], {"2": ("failed", "challenge")})
     wiki.hook = lambda request: None
     assert crawl(run)["crawled"] == 1
     assert verdicts(run) == (["Alpha", "Beta", "Gamma"], {})
@@ -72,9 +76,9 @@ def test_a_wiki_that_challenges_the_browser_blocks_us(wiki, run):
         if request.headers.get("Sec-Fetch-Dest") == "document"
         else None
     )
-    with pytest.raises(Blocked) as error:
+    with pytest.raises(Challenged) as error:
         crawl(run)
-    assert error.value.exit_code == 3
+    assert error.value.exit_code == 4
     assert wiki.shown()[:2] == ["Alpha"] * run.profile.wiki.max_tries
     assert verdicts(run) == ([], {})
     wiki.hook = lambda request: None
@@ -83,18 +87,18 @@ def test_a_wiki_that_challenges_the_browser_blocks_us(wiki, run):
 
 def test_pages_that_are_all_challenged_block_us_whatever_the_front_page_shows(wiki, run):
     wiki.hook = challenges(*(f"/wiki/{page['title']}" for page in wiki.pages.values()))
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(run)
     assert verdicts(run) == ([], {})
 
 
 def test_a_front_page_that_is_a_challenge_blocks_us(wiki, run):
     wiki.hook = challenges("/")
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(run)
     wait = Response("<html><title>Please wait</title></html>", content_type=AS_HTML)
     wiki.hook = lambda request: wait
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(run)
     shop = Response("<!DOCTYPE html><p>Welcome to our shop.</p>", content_type=AS_HTML)
     wiki.hook = lambda request: shop if request.path == "/" else None
@@ -104,13 +108,13 @@ def test_a_front_page_that_is_a_challenge_blocks_us(wiki, run):
     crawl(run)
     # What was this wiki before is not taken for another site.
     wiki.hook = lambda request: shop if request.path == "/" else None
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(dataclasses.replace(run, again=True))
 
 
 def test_an_api_that_answers_with_challenges_blocks_us(wiki, run):
     wiki.hook = challenges("/w/api.php")
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(run)
     wiki.hook = lambda request: None
     assert crawl(run)["crawled"] == 3
@@ -123,9 +127,74 @@ def test_a_challenge_that_its_header_names_blocks_us(wiki, run, header):
         if request.path == "/w/api.php"
         else None
     )
-    with pytest.raises(Blocked):
+    with pytest.raises(Challenged):
         crawl(run)
     assert wiki.asked.count("/w/api.php") == 1
+
+
+LOG_IN = f"<script>RLCONF={{'wgArticleId':0,'wgRevisionId':0}}</script><p>{WORDS}</p></html>"
+
+
+@pytest.mark.parametrize(
+    "turned_away",
+    [
+        *(
+            Response(f"<p>{status}", status, content_type=AS_HTML)
+            for status in (402, 404, 405, 418)
+        ),
+        *(Response("", status) for status in (403, 406)),
+        Response("", 302, {"Location": "http://127.0.0.1:9/consent"}),
+        Response(LOG_IN, content_type=AS_HTML),
+    ],
+    ids=lambda answer: f"{answer.status_code}{'' if answer.get_data() else ' without a body'}",
+)
+def test_a_crawl_that_is_turned_away_midway_costs_no_page(wiki, run, turned_away):
+    for key in range(4, 7):
+        wiki.add(key, f"Page {key}")
+    away = []
+    wiki.hook = lambda request: turned_away if away and request.path.startswith("/wiki/") else None
+    with pytest.raises(LimitReached):
+        crawl(dataclasses.replace(run, limit=1))
+    away.append(True)
+    wiki.shown()
+    with pytest.raises(Challenged, match="turns the crawl away") as error:
+        crawl(run)
+    assert (error.value.exit_code, error.value.summary["pending"]) == (4, 5)
+    assert len(wiki.shown()) <= 5
+    assert verdicts(run) == (["Alpha"], {})
+    wiki.hook = lambda request: None
+    assert crawl(run)["crawled"] == 5
+
+
+def test_few_pages_are_asked_for_where_pages_alone_are_refused(wiki, run):
+    for key in range(4, 20):
+        wiki.add(key, f"Page {key}")
+    wiki.hook = lambda request: Response("", 403) if request.path.startswith("/wiki/") else None
+    with pytest.raises(Challenged):
+        crawl(dataclasses.replace(run, workers=4))
+    assert len(wiki.shown()) <= 5
+    assert verdicts(run) == ([], {})
+
+
+@pytest.mark.parametrize(
+    ("status", "verdict"), [(410, "render"), (404, "render"), (403, "failed"), (418, "failed")]
+)
+def test_a_status_is_about_a_page_while_others_are_shown(wiki, run, status, verdict):
+    wiki.hook = lambda request: Response("", status) if request.path == "/wiki/Beta" else None
+    assert crawl(run)["pending"] == 0
+    assert verdicts(run) == (["Alpha", "Gamma"], {"2": (verdict, f"http_{status}")})
+
+
+@pytest.mark.parametrize("status", [402, 404, 405, 418])
+def test_an_api_that_turns_us_away_midway_is_no_other_site(wiki, run, status):
+    crawl(run)
+    wiki.hook = lambda request: Response("", status) if request.path == "/w/api.php" else None
+    with pytest.raises(Challenged, match=f"http_{status}"):
+        crawl(dataclasses.replace(run, again=True))
+    # An address that has never answered is a wrong one, unless it says that it turns us away.
+    kind = FatalError if status == 404 else Challenged
+    with pytest.raises(kind):
+        crawl(dataclasses.replace(run, root=run.root.with_name("fresh")))
 
 
 @pytest.mark.parametrize("shown", [{"wgArticleId": 1, "wgRevisionId": 10}, {"wgArticleId": 0}])
@@ -160,6 +229,47 @@ def test_a_document_that_was_cut_off_is_read_again(wiki, run, honest):
     assert verdicts(run) == (["Alpha", "Beta", "Gamma"], {})
     texts = pq.read_table(run.root / "clean/wiki/elements", columns=["text"])["text"].to_pylist()
     assert "The end of it." in texts
+
+
+# A page that grows by what a picture of it needs: a window as high as the page.
+GROWS = (
+    "<div style=height:3000px></div><script>addEventListener('resize', () => document.body.append("
+    "Object.assign(document.createElement('div'), {style: 'height:700px'})), {once: true})</script>"
+)
+
+
+def test_a_page_that_moves_is_shown_alone_after_the_others(wiki, run):
+    wiki.pages[1]["html"] += GROWS
+    tries = run.profile.wiki.max_tries
+    summary = crawl(run)
+    assert (summary["crawled"], summary["failed"]) == (3, 0)
+    assert wiki.shown() == ["Alpha"] * tries + ["Beta", "Gamma", "Alpha"]
+    assert verdicts(run) == (["Alpha", "Beta", "Gamma"], {})
+
+
+def test_a_page_that_never_stands_still_has_failed(wiki, run):
+    wiki.pages[1]["html"] += GROWS.replace("{once: true}", "{}")
+    assert crawl(run)["failed"] == 1
+    assert verdicts(run) == (["Beta", "Gamma"], {"1": ("failed", "page_moved")})
+
+
+@pytest.mark.parametrize("away", [Response("", 402), Response(CHALLENGE, content_type=AS_HTML)])
+def test_images_that_are_refused_midway_stay_pending(wiki, run, away):
+    made = io.BytesIO()
+    Image.new("RGB", (9, 9), (1, 2, 3)).save(made, "PNG")
+    dot = Response(made.getvalue(), content_type="image/png")
+    wiki.pages[1]["html"] += "".join(f"<img src=/images/{n}.png>" for n in range(9))
+    plain = itertools.count()
+    wiki.hook = lambda request: (
+        (dot if request.headers.get("Sec-Fetch-Dest") == "image" or next(plain) < 3 else away)
+        if request.path.startswith("/images/")
+        else None
+    )
+    with pytest.raises(Challenged):
+        crawl(run)
+    wiki.hook = lambda request: dot if request.path.startswith("/images/") else None
+    summary = crawl(run)
+    assert (summary["images"], summary["images_failed"]) == (9, 0)
 
 
 def test_a_page_in_the_place_of_an_image_says_nothing_about_the_image(wiki, run):

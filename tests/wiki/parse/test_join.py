@@ -95,7 +95,7 @@ def root(tmp_path: Path) -> Path:
         "renders",
         (MONDAY, captured(root, 1, "Kept")),
         (MONDAY, refused(2, "Hidden", "robots", "disallowed")),
-        (MONDAY, refused(3, "Broken", "failed", "too_tall", 123456)),
+        (MONDAY, refused(3, "Broken", "final", "too_tall", 123456)),
         (MONDAY, captured(root, 5, "Short", text="Too short")),
     )
     stored = {
