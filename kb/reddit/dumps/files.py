@@ -16,6 +16,8 @@ cut off or damaged is counted, never fatal.
 """
 
 import gzip
+import hashlib
+import io
 import json
 import os
 import struct
@@ -33,6 +35,7 @@ import zstandard
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.reddit.parse import answer_tree
+from kb.store.regular_file import open_regular
 
 # Every chunk is searched several times, so it should fit the processor's cache (see tests/bench).
 CHUNK = 512 << 10  # decompressed bytes of a chunk, about
@@ -62,6 +65,7 @@ class ReadProgress:
     truncated: bool = False
     problem: str = ""
     stopped: bool = False  # on request, before the end
+    sha256: str = ""  # of the file as it lies, once all of it was read, unless it was known before
 
     def count_damaged(self, number: int, first: int | None) -> None:
         """Count damaged lines, the first of which begins at `first`."""
@@ -78,11 +82,29 @@ def pieces(path: Path, progress: ReadProgress) -> Iterator[bytes]:
 
     Raises SettingError for a file that is not a dump or can't be read.
     """
-    first = True
-    with path.open("rb", buffering=1 << 20) as file:
-        for piece in _reader(path)(file, progress):
+    first, read = True, _reader(path)
+    with open_regular(path) as opened:
+        source = opened.raw if progress.sha256 else _Hashed(opened.raw)
+        for piece in read(io.BufferedReader(source, 1 << 20), progress):
             yield piece.removeprefix(_BOM) if first else piece
             first = False
+        if isinstance(source, _Hashed) and not progress.truncated:  # nothing of it was left out
+            progress.sha256 = source.sha256.hexdigest()
+
+
+class _Hashed(io.RawIOBase):
+    """A file whose digest is computed while it is read, so that a large one is read once."""
+
+    def __init__(self, file: io.RawIOBase) -> None:
+        self._file, self.sha256 = file, hashlib.sha256()
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        size = self._file.readinto(buffer)
+        self.sha256.update(memoryview(buffer)[:size])
+        return size
 
 
 def memory(path: Path) -> int:

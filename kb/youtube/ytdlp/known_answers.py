@@ -5,9 +5,9 @@ whatever the file is called and wherever it lies; so of several files of one nam
 none is lost, and a copy adds nothing. The videos that subtitles belong to are part of the answer:
 two videos may say the same.
 
-`state/youtube-import/files` notes which answers each file gave (kb.crawl.file_stamp), so that the
-next import of the same folder opens only what is new. A note counts as long as the raw log has all
-of these answers; without the notes every file is read once more.
+`state/youtube-import/files.stamps` notes which answers each file gave (kb.crawl.file_stamp), so
+that the next import of the same folder opens only what is new. A note counts as long as the raw log
+has all of these answers; without the notes every file is read once more.
 """
 
 import hashlib
@@ -47,7 +47,7 @@ class KnownAnswers:
     """The answers in the raw log, and the files that gave them. Raises DamagedData."""
 
     def __init__(self, root: Path, kinds: Iterable[str]) -> None:
-        self._root, self._path = root, Layout(root).importing("youtube") / "files"
+        self._root, self._path = root, Layout(root).importing("youtube") / "files.stamps"
         self._answers = {
             answer_digest(kind, line)
             for kind in kinds

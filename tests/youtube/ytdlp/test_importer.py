@@ -420,7 +420,7 @@ def test_a_file_is_opened_again_where_its_answer_is_lost_or_the_file_another_one
     assert {one["response"]["id"] for one in job.raw("ytdlp_info")} == {video_id(1), video_id(2)}
     path.write_text(old)
     assert job.done("youtube", "import", str(folder))["known_files"] == 1
-    notes = job.root / "state/youtube-import/files"
+    notes = job.root / "state/youtube-import/files.stamps"
     noted = notes.read_bytes()
     segment.unlink()
     shutil.rmtree(job.root / "state")
