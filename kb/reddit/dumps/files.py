@@ -84,18 +84,19 @@ def pieces(path: Path, progress: ReadProgress) -> Iterator[bytes]:
     """
     first, read = True, _reader(path)
     with open_regular(path) as opened:
-        source = opened.raw if progress.sha256 else _Hashed(opened.raw)
-        for piece in read(io.BufferedReader(source, 1 << 20), progress):
+        hashed = _Hashed(opened)
+        source = opened if progress.sha256 else io.BufferedReader(hashed, 1 << 20)
+        for piece in read(source, progress):
             yield piece.removeprefix(_BOM) if first else piece
             first = False
-        if isinstance(source, _Hashed) and not progress.truncated:  # nothing of it was left out
-            progress.sha256 = source.sha256.hexdigest()
+        if not (progress.sha256 or progress.truncated):  # nothing of it was left out
+            progress.sha256 = hashed.sha256.hexdigest()
 
 
 class _Hashed(io.RawIOBase):
     """A file whose digest is computed while it is read, so that a large one is read once."""
 
-    def __init__(self, file: io.RawIOBase) -> None:
+    def __init__(self, file: io.BufferedReader) -> None:
         self._file, self.sha256 = file, hashlib.sha256()
 
     def readable(self) -> bool:

@@ -107,12 +107,13 @@ class KnownDumps:
         dump = noted or DumpCursor("")
         dump.file, dump.size = str(file.absolute()), file.stat().st_size
         dump.samples = dump.samples or samples_of(file)
-        if (twin := self._same(dump, self.taken.values())) is not None:
-            return twin
-        if noted is None and (twin := self._same(dump, self._noted)) is not None:
+        given = self._same(dump, self.taken.values())
+        twin = given or (None if noted else self._same(dump, self._noted))
+        if noted is None and twin is not None and twin.done:  # so that it is not hashed again
             save_cursor(root, name, replace(twin, file=dump.file))
-        self.taken[name] = dump
-        return None
+        if given is None:
+            self.taken[name] = dump
+        return given
 
     def _same(self, dump: DumpCursor, others: Iterable[DumpCursor]) -> DumpCursor | None:
         """The dump among the others that has the same content."""

@@ -279,8 +279,10 @@ def test_dumps_of_one_name_size_and_time_are_told_apart_by_their_content(tmp_pat
         assert "already imported (1300" in (shown := capsys.readouterr().err)
     assert "compare" not in shown  # the copy has a note of its own now
     both = run_in(tmp_path / "both", progress=LineProgress())
-    assert import_dumps(both, [first, second, copy])["crawled"] == 2_600
-    assert capsys.readouterr().err.count("same dump as") == 1
+    for crawled in (2_600, 0, 0):
+        assert import_dumps(both, [first, second, copy])["crawled"] == crawled
+        assert (shown := capsys.readouterr().err).count("same dump as") == 1
+    assert "compare" not in shown
 
 
 @pytest.mark.parametrize("moved", [False, True])

@@ -147,7 +147,8 @@ def test_every_container_is_known_by_its_content(tmp_path: Path, pack: Pack) -> 
         assert (done["crawled"], done["lines"]) == (466, 700)
         assert (done["bad_lines"], done["truncated_files"]) == (0, 0)
     assert raw(tmp_path / "b") == raw(tmp_path / "a")
-    assert took(tmp_path / "c", [tmp_path / "a.gz", tmp_path / "b.jsonl"])["crawled"] == 932
+    both = took(tmp_path / "c", [tmp_path / "a.gz", tmp_path / "b.jsonl"])
+    assert both["crawled"] == (466 if pack is plain else 932)  # the very same bytes
 
 
 @each
