@@ -16,7 +16,6 @@ cut off or damaged is counted, never fatal.
 """
 
 import gzip
-import hashlib
 import io
 import json
 import os
@@ -34,6 +33,7 @@ import zstandard
 
 from kb.core.context import Run
 from kb.core.errors import SettingError
+from kb.crawl.file_identity import Hashed
 from kb.reddit.parse import answer_tree
 from kb.store.regular_file import open_regular
 
@@ -84,28 +84,13 @@ def pieces(path: Path, progress: ReadProgress) -> Iterator[bytes]:
     """
     first, read = True, _reader(path)
     with open_regular(path) as opened:
-        hashed = _Hashed(opened)
+        hashed = Hashed(opened)
         source = opened if progress.sha256 else io.BufferedReader(hashed, 1 << 20)
         for piece in read(source, progress):
             yield piece.removeprefix(_BOM) if first else piece
             first = False
         if not (progress.sha256 or progress.truncated):  # nothing of it was left out
-            progress.sha256 = hashed.sha256.hexdigest()
-
-
-class _Hashed(io.RawIOBase):
-    """A file whose digest is computed while it is read, so that a large one is read once."""
-
-    def __init__(self, file: io.BufferedReader) -> None:
-        self._file, self.sha256 = file, hashlib.sha256()
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        size = self._file.readinto(buffer)
-        self.sha256.update(memoryview(buffer)[:size])
-        return size
+            progress.sha256 = hashed.sha256
 
 
 def memory(path: Path) -> int:

@@ -2,7 +2,7 @@
 
 Content decides, and a dump may have 100 GB. So it is read as seldom as possible:
 
-    the very file     has a note of its own, named by its stamp (kb.crawl.file_stamp): not a byte
+    the very file     has a note of its own, named by its stamp (kb.crawl.file_identity): not a byte
                       of it is read
     another file      is another dump where its size or samples differ from those of every note:
                       4 MB are read. Only where they are equal, so that it is a copy in all
@@ -22,7 +22,7 @@ from msgspec.structs import replace
 
 from kb.core import signals
 from kb.core.context import Run
-from kb.crawl.file_stamp import file_stamp
+from kb.crawl.file_identity import file_stamp
 from kb.reddit.dumps.cursor import (
     DumpCursor,
     cursors,

@@ -18,7 +18,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, KbError, LimitReached, SettingError
 from kb.core.progress import Task
 from kb.core.summary import Summary
-from kb.crawl.file_stamp import file_stamp
+from kb.crawl.file_identity import file_stamp
 from kb.crawl.file_text import text_of
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table

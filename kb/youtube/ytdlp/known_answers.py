@@ -5,7 +5,7 @@ whatever the file is called and wherever it lies; so of several files of one nam
 none is lost, and a copy adds nothing. The videos that subtitles belong to are part of the answer:
 two videos may say the same.
 
-`state/youtube-import/files.stamps` notes which answers each file gave (kb.crawl.file_stamp), so
+`state/youtube-import/files.stamps` notes which answers each file gave (kb.crawl.file_identity), so
 that the next import of the same folder opens only what is new. A note counts as long as the raw log
 has all of these answers; without the notes every file is read once more.
 """

@@ -10,6 +10,8 @@ the content has to be looked at.
 
 import hashlib
 import os
+from io import BufferedReader, RawIOBase
+from typing import Any
 
 
 def file_stamp(path: str | os.PathLike[str], about: os.stat_result, use: str = "") -> bytes:
@@ -18,3 +20,23 @@ def file_stamp(path: str | os.PathLike[str], about: os.stat_result, use: str = "
     numbers = (about.st_size, about.st_ino, about.st_mtime_ns, about.st_ctime_ns)
     text = "\0".join([use, *map(str, numbers)]).encode() + b"\0" + place
     return hashlib.blake2b(text, digest_size=12).digest()
+
+
+class Hashed(RawIOBase):
+    """A file whose SHA-256 is computed while it is read, so that a large one is read once."""
+
+    def __init__(self, file: BufferedReader) -> None:
+        self._file, self._digest = file, hashlib.sha256()
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        size = self._file.readinto(buffer)
+        self._digest.update(memoryview(buffer)[:size])
+        return size
+
+    @property
+    def sha256(self) -> str:
+        """The digest of all that was read."""
+        return self._digest.hexdigest()
