@@ -1,9 +1,9 @@
 """YouTube (MineDojo paper, appendix "YouTube": data collection and filtering).
 
 1. search channels by keywords; 2. list every video that each channel uploaded; 3. read their
-metadata, keep the domain's game; 4. English transcripts of those that pass the cheap stages; 5.
-drop by views, aspect ratio, duration, age restriction; score titles and descriptions with Detoxify,
-drop above the threshold. Released: ids and metadata only.
+metadata, keep public videos of the domain's game; 4. English transcripts of those that pass the
+cheap stages; 5. drop by views, aspect ratio, duration, age restriction; score titles and
+descriptions with Detoxify, drop above the threshold. Released: ids and metadata only.
 """
 
 from functools import partial
@@ -18,6 +18,7 @@ from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow
 from kb.filters.predicates import (
+    PUBLIC,
     AtLeast,
     In,
     NotTrue,
@@ -49,7 +50,9 @@ def crawl(run: Run, only: str | None = None, ids: Path | None = None, part: Part
     from kb.youtube.crawl.connector import crawl
 
     ours = In("category_id", run.profile.section(YouTubeSection).category_ids, stage="topic")
-    return crawl(run, partial(rows_passing, (THERE, ours, *gate(run.profile))), only, ids, part)
+    return crawl(
+        run, partial(rows_passing, (THERE, PUBLIC, ours, *gate(run.profile))), only, ids, part
+    )
 
 
 def gate(p: Profile) -> tuple[Predicate, ...]:
@@ -70,6 +73,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
     section, limit = p.section(YouTubeSection), p.toxicity.threshold("youtube")
     return (
         THERE,
+        PUBLIC,
         Topic(
             section.game_ids,
             section.category_ids,

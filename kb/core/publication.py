@@ -113,8 +113,10 @@ class Publication:
         """The writers of the export formats, and of Parquet where tables are not all of it."""
         return {}
 
-    def gaps(self, con: DuckDBPyConnection, folder: ReleaseFolder) -> Iterator[str]:
-        """What the released rows lack, measured on them: sentences for card and datasheet."""
+    def gaps(self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> Iterator[str]:
+        """What the released rows lack, measured on them and on the clean ones: sentences for card
+        and datasheet.
+        """
         return iter(())
 
     def quality(

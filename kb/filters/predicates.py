@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.types as kinds
 
+from kb.core.config.profile.collecting import NOT_PUBLIC
 from kb.store.tables.columns import column
 
 SCORED = "toxicity"  # the stage that looks at scores
@@ -377,6 +378,8 @@ def rows_passing(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array[An
         good = pc.and_(good, pc.is_null(predicate.judge(rows).reason))
     return good
 
+
+PUBLIC = NotIn("availability", NOT_PUBLIC, stage="not_public")
 
 NO_TRANSCRIPT = ("none", "disabled", "unavailable", "age_restricted")
 

@@ -19,6 +19,7 @@ import pyarrow.compute as pc
 from kb.core.config.profile.collecting import BY_KEYWORDS, BY_LABEL, BY_PROFILE, YouTubeSection
 from kb.core.installation import np
 from kb.filters.predicates import (
+    PUBLIC,
     Judgement,
     NotTrue,
     Predicate,
@@ -231,9 +232,12 @@ class Evidence(Topic):
 
 
 def released_stages(section: YouTubeSection) -> tuple[Predicate, ...]:
-    """The stages of videos that were released and are read again: what still exists passes."""
+    """The stages of videos that were released and are read again: what still exists and is still
+    public passes.
+    """
     return (
         NotTrue("missing", stage="missing", reason="missing"),
+        PUBLIC,
         *(Present(column, stage="missing") for column in _NEEDED),
         Evidence(section.game_ids, section.category_ids, section.words),
     )

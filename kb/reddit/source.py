@@ -163,7 +163,7 @@ class Reddit(Source):
         section = profile.reddit
         return f"https://www.reddit.com/r/{section.subreddit}/" if section else ""
 
-    def gaps(self, con: DuckDBPyConnection, folder: ReleaseFolder) -> Iterator[str]:
+    def gaps(self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> Iterator[str]:
         from kb.reddit.card import gaps
 
         return gaps(con, folder)

@@ -43,7 +43,7 @@ _SETTINGS = {
     "tasks": ("tasks", "youtube.topic_keywords", "keywords", "pairs.include"),
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
-_RULES = {"pairs": 7, "tasks": 2, "links": 1}
+_RULES = {"clean/youtube": 3, "pairs": 7, "tasks": 2, "links": 1}
 _ADDED = {  # tables that another command adds to a folder, which is complete without them
     "pairs/scores": "run `kb pairs score` with the same films, which decodes none of them again"
 }
@@ -126,7 +126,7 @@ def _declared() -> Iterator[Artifact]:
             kept,
             settings=(source, "toxicity.toxicity", f"toxicity.thresholds.{source}"),
             other_settings=tuple(f"{source}.{key}" for key in SOURCES[source].crawl_settings),
-            rules=2,
+            rules=_RULES.get(clean, 2),
         )
         yield Artifact(
             f"index/{source}",

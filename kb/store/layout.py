@@ -130,7 +130,7 @@ class Layout:
         return self.state_folder() / f"{source}.repair"
 
     def importing(self, source: str) -> Path:
-        """What an import of dumps keeps until it is done."""
+        """Which files were imported, and how far."""
         return self.state_folder() / f"{source}-import"
 
     def known(self, source: str) -> Path:

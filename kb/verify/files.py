@@ -28,6 +28,7 @@ NEIGHBOURS = {"demo", "dumps", "profiles", demo_mark.NAME, ".gitignore", ".gitke
 _OF_STATE = (
     *(".lock", ".key", ".exported", ".repair", ".txt"),
     *(".sqlite-wal", ".sqlite-shm", ".bak"),
+    ".stamps",  # of imported files
     *(".arrow", ".npy"),  # of artifacts on their way
 )
 _NEVER_EMPTY = (".json", ".html", ".parquet", ".png", ".svg")

@@ -180,7 +180,7 @@ class Wiki(Source):
     def origin(self, profile: Profile) -> str:
         return profile.wiki.url if profile.wiki else ""
 
-    def gaps(self, con: DuckDBPyConnection, folder: ReleaseFolder) -> Iterator[str]:
+    def gaps(self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> Iterator[str]:
         from kb.wiki.card import gaps
 
         return gaps(con, folder)

@@ -28,7 +28,7 @@ from kb.artifacts.restore import (
     WantedContent,
 )
 from kb.core.cached_property import cached_property
-from kb.core.config.profile.collecting import YouTubeSection
+from kb.core.config.profile.collecting import NOT_PUBLIC, YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import GLOBAL_STOPS, Stopped
 from kb.core.summary import Summary
@@ -213,8 +213,10 @@ class VideoRestore:
 
 
 def _available(videos: Any) -> list[str]:
-    """Every available video is worth its transcript: it was kept once."""
-    rows = videos.filter(pc.invert(pc.fill_null(videos["missing"], False)))
+    """Every video that is there and public is worth its transcript: it was kept once."""
+    hidden = pc.is_in(videos["availability"], value_set=pa.array(NOT_PUBLIC))
+    gone = pc.fill_null(videos["missing"], False)
+    rows = videos.filter(pc.invert(pc.or_(gone, hidden)))
     return cast("list[str]", rows["video_id"].to_pylist())
 
 

@@ -82,6 +82,7 @@ class YouTube(Source):
     )
     stages = (
         "missing",
+        "not_public",
         "topic",
         "views",
         "aspect_ratio",
@@ -204,10 +205,10 @@ class YouTube(Source):
     def origin(self, profile: Profile) -> str:
         return "https://www.youtube.com/"
 
-    def gaps(self, con: DuckDBPyConnection, folder: ReleaseFolder) -> Iterator[str]:
+    def gaps(self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> Iterator[str]:
         from kb.youtube.card import gaps
 
-        return gaps(con, folder)
+        return gaps(con, root, folder)
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import minedojo, text

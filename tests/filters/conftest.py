@@ -28,6 +28,7 @@ def root(tmp_path: Path) -> Path:
             MONDAY,
             {},
             listing(
+                video("unlisted", status__privacyStatus="unlisted", snippet__categoryId="22"),
                 video("category", snippet__categoryId="22"),
                 video("words", snippet__title="cooking", statistics__viewCount="5"),
                 video("few", statistics__viewCount="99"),

@@ -31,7 +31,7 @@ def test_every_answer(root: Path) -> None:
     assert {
         name: summary[name]
         for name in ("crawled", "kept", "rejected", "failed", "pending", "missing")
-    } == {"crawled": 21, "kept": 2, "rejected": 16, "failed": 2, "pending": 1, "missing": 1}
+    } == {"crawled": 22, "kept": 2, "rejected": 17, "failed": 2, "pending": 1, "missing": 1}
     kept = rows(root, "videos")
     assert set(kept) == {"kept", "bare"}
     row = kept["kept"]
@@ -61,6 +61,7 @@ def test_every_answer(root: Path) -> None:
     }
     assert rejected == {
         "gone": ("missing", "missing", None, None),
+        "unlisted": ("not_public", "unlisted", "unlisted", None),
         "category": ("topic", "category", "22", "20"),
         "words": ("topic", "keywords", None, "20"),
         "roblox": ("topic", "other_game", "Roblox", "20"),
@@ -185,7 +186,7 @@ def test_videos_that_the_crawl_gave_up_on_are_failed(root: Path) -> None:
         frontier.error("videos", key, "status_500")
     frontier.close()
     summary = run_clean(run_at(root), "youtube")
-    assert (summary["crawled"], summary["failed"]) == (22, 3)
+    assert (summary["crawled"], summary["failed"]) == (23, 3)
     assert rows(root, "failed")["lost"]["reason"] == "status_500"
     assert set(rows(root, "failed")) == {"lost", "broken", "badcues"}
 

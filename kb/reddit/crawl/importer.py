@@ -21,13 +21,13 @@ from kb.reddit.dumps.cursor import (
     KIND,
     DumpCursor,
     begin_round,
-    cursor_name,
     end_round,
     lease,
     load_cursor,
 )
 from kb.reddit.dumps.files import find_dumps, memory
 from kb.reddit.dumps.import_file import ImportJob, import_file
+from kb.reddit.dumps.known_dumps import KnownDumps
 from kb.reddit.parse.anonymize import load_key
 from kb.store.rawlog import damaged_answers, rawlog
 
@@ -68,13 +68,14 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
 
     The summary of an error has what was imported until then.
     """
-    jobs: dict[str, ImportJob] = {}
+    known = KnownDumps(run, job.since, job.until)
     for file in files:
-        name = cursor_name(file, job.since, job.until)
-        if name in jobs:
-            run.progress.say(f"{file}: same dump as {jobs[name].file}, read once")
-            continue
-        jobs[name] = msgspec.structs.replace(job, file=str(file.absolute()))
+        if (twin := known.take(file)) is not None:
+            run.progress.say(f"{file}: same dump as {twin.file}, read once")
+    jobs = {
+        name: msgspec.structs.replace(job, file=dump.file, note=name, sha256=dump.sha256)
+        for name, dump in known.taken.items()
+    }
     if run.again:
         begin_round(run.root, jobs)
 

@@ -1,11 +1,12 @@
 """How far each dump was imported: one note per dump and span of time, in state/reddit-import/.
 
+Which dump a note is about, kb.reddit.dumps.known_dumps tells.
+
 A segment is written to a hidden file, renamed to its final hidden name, noted, then renamed again.
 The next start completes a noted segment whose last rename is missing and deletes hidden files that
 no note names, as their records are read again.
 """
 
-import hashlib
 import os
 import threading
 import uuid
@@ -17,7 +18,6 @@ from typing import Any
 import msgspec
 
 from kb.core import signals
-from kb.core.regular_file import open_regular
 from kb.store.atomic import sync_folder, write_bytes
 from kb.store.layout import Layout
 from kb.store.leftovers import PART
@@ -27,13 +27,15 @@ from kb.store.state import json_files
 KIND = "dumps"
 _LEASE = ".lease"
 _ROUND = "again"
-_START = 1 << 16  # bytes of a dump that are compared at its beginning
-_SAMPLES, _SAMPLE = 1024, 4096  # samples after it, evenly spread over the file
 _REPAIR = "delete it; the dump is read once more, and existing records count once"
 
 
 class DumpCursor(msgspec.Struct):
-    """How far a dump was imported. `offset` in decompressed bytes; `segment` the last one noted."""
+    """How far a dump was imported. `offset` in decompressed bytes; `segment` the last one noted.
+
+    `size`, `samples` and `sha256` are of the file as it lies; the digest is "" until the file was
+    read to its end, and for one that was cut off.
+    """
 
     file: str
     offset: int = 0
@@ -47,43 +49,32 @@ class DumpCursor(msgspec.Struct):
     done: bool = False
     fresh: int = 0  # things of this run
     first_bad: int | None = None  # offset of the first damaged line
-    changed: int = 0  # when the dump was last modified (ns), once it was read to its end
-
-    @property
-    def damaged(self) -> bool:
-        """Whether the dump was cut off or had lines that could not be read."""
-        return self.truncated or self.bad_lines > 0
-
-
-def cursor_name(file: Path, since: float, until: float) -> str:
-    """The name of a dump's note. It identifies a dump by its name, size and samples of its content,
-    wherever it lies, and the span of time.
-    """
-    size = file.stat().st_size
-    digest = hashlib.sha256(f"{file.name}\0{size}\0".encode())
-    with open_regular(file) as opened:
-        digest.update(opened.read(_START))
-        step = max(_SAMPLE, (size - _START - _SAMPLE) // (_SAMPLES - 1))
-        for at in (*range(_START, size - _SAMPLE, step), max(size - _SAMPLE, _START)):
-            opened.seek(at)
-            digest.update(opened.read(_SAMPLE))
-    name = digest.hexdigest()[:16]
-    if (since, until) == (0.0, float("inf")):
-        return name
-    span = hashlib.sha256(f"{since}\0{until}".encode()).hexdigest()
-    return f"{name}-{span[:8]}"
+    changed: int = 0  # when the dump was last modified (ns), in notes of earlier versions
+    size: int = 0
+    samples: str = ""
+    sha256: str = ""
 
 
 def load_cursor(root: Path, name: str, file: str = "") -> DumpCursor:
-    """Where an import stopped: at the beginning without a note, and for a damaged `file` that was
-    modified since.
-    """
-    noted = json_files.read(_folder(root) / f"{name}.json", DumpCursor, fix=_REPAIR)
-    if noted is None:
-        return DumpCursor(file)
-    if file and noted.done and noted.damaged and noted.changed != Path(file).stat().st_mtime_ns:
-        return DumpCursor(file)
-    return noted
+    """Where an import stopped: at the beginning without a note."""
+    return find_cursor(root, name) or DumpCursor(file)
+
+
+def find_cursor(root: Path, name: str) -> DumpCursor | None:
+    """The note of that name, None where there is none."""
+    return json_files.read(_folder(root) / f"{name}.json", DumpCursor, fix=_REPAIR)
+
+
+def cursors(root: Path) -> dict[str, DumpCursor]:
+    """Every note by its name."""
+    names = (path.stem for path in sorted(_folder(root).glob("*.json")))
+    return {name: load_cursor(root, name) for name in names if name != _ROUND}
+
+
+def rename_cursor(root: Path, old: str, name: str, cursor: DumpCursor) -> None:
+    """Write a note under a new name. Raises DiskFull."""
+    save_cursor(root, name, cursor)
+    (_folder(root) / f"{old}.json").unlink()
 
 
 def save_cursor(root: Path, name: str, cursor: DumpCursor) -> None:
@@ -103,9 +94,8 @@ def recover_segments(root: Path) -> None:
     base = rawlog.folder(root, "reddit", KIND)
     if not base.is_dir():
         return
-    for note in sorted(_folder(root).glob("*.json")):
-        if note.stem != _ROUND:
-            publish_segment(base, load_cursor(root, note.stem))
+    for cursor in cursors(root).values():
+        publish_segment(base, cursor)
     for part in base.glob(f".*{PART}"):
         part.unlink()
     sync_folder(base)

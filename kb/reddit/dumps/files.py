@@ -16,6 +16,7 @@ cut off or damaged is counted, never fatal.
 """
 
 import gzip
+import io
 import json
 import os
 import struct
@@ -33,6 +34,7 @@ import zstandard
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.regular_file import open_regular
+from kb.crawl.file_identity import Hashed
 from kb.reddit.parse import answer_tree
 
 # Every chunk is searched several times, so it should fit the processor's cache (see tests/bench).
@@ -63,6 +65,7 @@ class ReadProgress:
     truncated: bool = False
     problem: str = ""
     stopped: bool = False  # on request, before the end
+    sha256: str = ""  # of the file as it lies, once all of it was read, unless it was known before
 
     def count_damaged(self, number: int, first: int | None) -> None:
         """Count damaged lines, the first of which begins at `first`."""
@@ -80,10 +83,14 @@ def pieces(path: Path, progress: ReadProgress) -> Iterator[bytes]:
     Raises SettingError for a file that is not a dump or can't be read.
     """
     first, read = True, _reader(path)
-    with open_regular(path, buffering=1 << 20) as file:
-        for piece in read(file, progress):
+    with open_regular(path) as opened:
+        hashed = Hashed(opened)
+        source = opened if progress.sha256 else io.BufferedReader(hashed, 1 << 20)
+        for piece in read(source, progress):
             yield piece.removeprefix(_BOM) if first else piece
             first = False
+        if not (progress.sha256 or progress.truncated):  # nothing of it was left out
+            progress.sha256 = hashed.sha256
 
 
 def memory(path: Path) -> int:

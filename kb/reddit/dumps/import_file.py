@@ -18,13 +18,13 @@ import msgspec
 from kb.reddit.dumps.cursor import (
     KIND,
     DumpCursor,
-    cursor_name,
     hidden,
     load_cursor,
     publish_segment,
     save_cursor,
 )
 from kb.reddit.dumps.files import Chunk, ReadProgress, chunks
+from kb.reddit.dumps.known_dumps import note_name, samples_of
 from kb.reddit.dumps.search import ById, ChunkMatches, IdIndex, SubredditSearch
 from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.reddit.parse.answer_tree import PURGED
@@ -43,7 +43,8 @@ class ImportJob(msgspec.Struct):
 
     `ids` is a folder of kb.reddit.dumps.search: these records instead of the subreddit's, or,
     with a subreddit, these of it. `home` is the data root whose key and tombstones count, where
-    `root` is a work folder.
+    `root` is a work folder. `note` is the name of the dump's note where it is not this very file's
+    own, `sha256` the file's digest where it is known.
     """
 
     root: str
@@ -56,6 +57,8 @@ class ImportJob(msgspec.Struct):
     lease: str = ""
     ids: str = ""
     home: str = ""
+    note: str = ""
+    sha256: str = ""
 
 
 class ExtractedRecord(NamedTuple):
@@ -118,14 +121,15 @@ THINGS = 100  # records of an envelope
 
 def import_file(job: ImportJob) -> DumpCursor:
     """Import one dump; its cursor. Memory is bounded by a chunk. Raises DiskFull."""
-    root, name = Path(job.root), cursor_name(Path(job.file), job.since, job.until)
+    root, file = Path(job.root), Path(job.file)
+    name = job.note or note_name(file, job.since, job.until)
     cursor = load_cursor(root, name, job.file)
     base = rawlog.folder(root, "reddit", KIND)
     publish_segment(base, cursor)
     cursor.fresh = 0
     if cursor.done:
         return cursor
-    progress = ReadProgress(cursor.lines, cursor.bad_lines, cursor.first_bad)
+    progress = ReadProgress(cursor.lines, cursor.bad_lines, cursor.first_bad, sha256=job.sha256)
     segments = SegmentWriter(root, base, name, cursor)
     batch: list[ExtractedRecord] = []
     offset = cursor.offset
@@ -146,7 +150,8 @@ def import_file(job: ImportJob) -> DumpCursor:
         segments.write(batch, offset)
         cursor.truncated, cursor.problem = progress.truncated, progress.problem
         if not progress.stopped and not (job.limit and cursor.fresh >= job.limit):
-            cursor.done, cursor.changed = True, Path(job.file).stat().st_mtime_ns
+            cursor.done, cursor.sha256 = True, progress.sha256
+            cursor.size, cursor.samples = file.stat().st_size, samples_of(file)
         segments.close(offset, progress)
     return cursor
 

@@ -48,9 +48,10 @@ from kb.reddit.crawl.ids import Ids, WantedThings, asked_for, released, subreddi
 from kb.reddit.crawl.importer import import_files
 from kb.reddit.crawl.reduce import PAYLOADS
 from kb.reddit.crawl.subreddit import INFO, MORE, THREAD, TREE
-from kb.reddit.dumps.cursor import cursor_name, recover_segments
+from kb.reddit.dumps.cursor import recover_segments
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.dumps.import_file import ImportJob
+from kb.reddit.dumps.known_dumps import sampled_name
 from kb.reddit.dumps.search import write_index
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.plan import plan_rebuild
@@ -337,7 +338,7 @@ def _digest(wanted: WantedThings, dumps: Sequence[Path], removed: Collection[str
     """Identifies what is wanted, from which dumps, and without which names."""
     if not dumps and not removed:
         return wanted.digest()
-    names = [*sorted(cursor_name(file, 0.0, math.inf) for file in dumps), *sorted(removed)]
+    names = [*sorted(sampled_name(file, 0.0, math.inf) for file in dumps), *sorted(removed)]
     return hashlib.sha256(" ".join([wanted.digest(), *names]).encode()).hexdigest()[:16]
 
 

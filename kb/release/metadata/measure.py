@@ -168,7 +168,7 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
         unscored=not run.profile.toxicity.on
         or any("toxicity" in filtered(run.root, one) for one in sources),
         personal=personal_counts(folder),
-        gaps=tuple(of.gaps(con, folder)),
+        gaps=tuple(of.gaps(con, run.root, folder)),
         quality=of.quality(con, run.root, folder),
     )
 

@@ -137,6 +137,9 @@ CASES: list[Case] = [
 ]
 
 
+# In no list and in no search: who asks for it has its id.
+UNLISTED = _out("unlisted", "not_public", "unlisted", privacy="unlisted")
+
 MUSIC, NEWS = 10, 25  # categories of what is off topic
 
 
@@ -285,6 +288,7 @@ class Video:
     fps: int = 30
     sized: bool = True  # whether the API knows the embed's size
     license: str = "youtube"
+    privacy: str = "public"
     rating: str | None = None
     live: str = "none"
     in_api: bool = True

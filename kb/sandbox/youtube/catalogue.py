@@ -13,7 +13,7 @@ from kb.sandbox.invented_ids import channel_id, video_id
 from kb.sandbox.speech import Sentence
 from kb.sandbox.youtube import captions
 from kb.sandbox.youtube.captions import Mishearing, SpokenCue
-from kb.sandbox.youtube.cases import Channel, Track, Video
+from kb.sandbox.youtube.cases import UNLISTED, Case, Channel, Track, Video
 from kb.sandbox.youtube.planted import Planted, shifted, truth_of
 
 PAGE = 50
@@ -22,7 +22,7 @@ _THINGS = 0.3  # of both: with a thing in place of the verb, with a noun in plac
 
 
 class Catalogue:
-    """All channels and videos of a world."""
+    """All channels and videos of a world. `unlisted` is a video of a channel that is in no list."""
 
     def __init__(self, seed: int, n_channels: int, n_videos: int, domain: Domain) -> None:
         self.seed, self.domain = seed, domain
@@ -37,6 +37,7 @@ class Catalogue:
                 number += 1
             channel.videos.sort(key=lambda video: video.published_at, reverse=True)
             channel.entries = list(channel.videos)
+        self.unlisted = self._video(number, self.channels[0], UNLISTED)
         if n_channels >= 8:
             # An upload while somebody pages: the last entry of a page comes again as the first of
             # the next.
@@ -62,6 +63,10 @@ class Catalogue:
                         [video for video in channel.entries if not video.short],
                     )
         return playlists
+
+    def find(self, key: str) -> Video | None:
+        """A video by its id, listed or not."""
+        return self.unlisted if key == self.unlisted.id else self.videos.get(key)
 
     def search(self, query: str) -> list[Channel]:
         """Channels that know every word of `query`, in an order of the query's own."""
@@ -136,14 +141,13 @@ class Catalogue:
             clock.stamp(made),
         )
 
-    def _video(self, number: int, channel: Channel) -> Video:
+    def _video(self, number: int, channel: Channel, case: Case | None = None) -> Video:
         rng = clock.rng(self.seed, "video", number)
         cases, rules, speech = self.domain.cases, self.domain.rules, self.domain.speech
-        case = (
-            cases[number]
-            if number < len(cases)
-            else rng.choices(cases, [case.often for case in cases])[0]
-        )
+        if case is None and number < len(cases):
+            case = cases[number]
+        elif case is None:
+            case = rng.choices(cases, [case.often for case in cases])[0]
         # Ordinary videos pass every threshold: from 125 views and 75 seconds on, or the profile's.
         views = int(10 ** rng.uniform(2.1, 6.5)) * max(1, math.ceil(rules.min_views / 125))
         cast = speech.cast(rng)

@@ -165,12 +165,8 @@ class DataApi:
         }
 
     def _requested_videos(self, request: Request) -> list[Any]:
-        videos = self.world.youtube.videos
-        return [
-            videos[key]
-            for key in dict.fromkeys(_ids(request))
-            if key in videos and videos[key].in_api
-        ]
+        found = map(self.world.youtube.find, dict.fromkeys(_ids(request)))
+        return [video for video in found if video is not None and video.in_api]
 
 
 def _list(request: Request, name: str) -> list[str]:
@@ -269,6 +265,7 @@ def video_parts(video: Video, max_width: int | None, max_height: int | None) -> 
         "licensed": video.number % 3 == 0,
         "rating": {"ytRating": video.rating} if video.rating else {},
         "license": video.license,
+        "privacy": video.privacy,
         "view_count": video.view_count,
         "like_count": video.like_count,
         "comment_count": video.comment_count,

@@ -160,7 +160,7 @@ class YouTubeWeb:
     def _watch(self, request: Request) -> Response:
         key = request.args.get("v", "")
         request.environ["sandbox.about"] = key
-        return Response(watch_page(self.world.youtube.videos.get(key), key), mimetype="text/html")
+        return Response(watch_page(self.world.youtube.find(key), key), mimetype="text/html")
 
     def _player(self, request: Request) -> Response:
         body = request.get_json(silent=True) or {}
@@ -171,14 +171,14 @@ class YouTubeWeb:
         if "client" not in body.get("context", {}):
             return _refusal("Request contains an invalid argument.")
         return Response(
-            json.dumps(player_answer(self.world.youtube.videos.get(key), key)),
+            json.dumps(player_answer(self.world.youtube.find(key), key)),
             mimetype="application/json",
         )
 
     def _timed_text(self, request: Request) -> Response:
         key = request.args.get("v", "")
         request.environ["sandbox.about"] = key
-        video = self.world.youtube.videos.get(key)
+        video = self.world.youtube.find(key)
         wanted = (request.args.get("lang", ""), request.args.get("kind", ""))
         track = (
             next((one for one in video.tracks if (one.language, one.kind) == wanted), None)

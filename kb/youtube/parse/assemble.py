@@ -125,6 +125,7 @@ def _api_and_file(videos: pa.Table, files: pa.Table) -> pa.Table:
         a, f = column(api, name), column(file, name)
         made[name] = pc.coalesce(pc.if_else(newest_first, f, a), pc.if_else(newest_first, a, f))
     missing = pc.fill_null(column(api, "missing"), False)
+    made["availability"] = _availability(made["availability"], column(file, "availability"))
     rows = pa.table({**made, "video_id": keys, "missing": missing})
     rows = rows.append_column(FROM_FILE, pc.is_null(column(api, "fetched_at")))
     rows = rows.append_column(IMPORTED, pc.is_in(keys, value_set=column(files, "video_id")))
@@ -134,6 +135,15 @@ def _api_and_file(videos: pa.Table, files: pa.Table) -> pa.Table:
         either = pc.if_else(counted, column(file, name), column(api, name))
         rows = put(rows, name, pc.if_else(has_views, either, column(rows, name)))
     return rows
+
+
+# Words that only yt-dlp has: the API calls such a video public.
+_FOR_SOME = ("needs_auth", "premium_only", "subscriber_only")
+
+
+def _availability(newest: Any, file: pa.Array[Any]) -> Any:
+    """Who may see each video: what the newest answer says, but for what the API can't know."""
+    return pc.if_else(pc.is_in(file, value_set=pa.array(_FOR_SOME, file.type)), file, newest)
 
 
 def _newer(one: pa.Table, other: pa.Table) -> pa.Array[Any]:

@@ -1,27 +1,25 @@
 """`kb youtube import`: folders of yt-dlp and one's own transcripts → raw answers. Sends nothing.
 
-A file is known by its name, size and time of change, which its raw answer names: what is in the raw
-log is not read again, so the same command goes on after a kill and repeats nothing. Files are taken
-as the disk lists them, a few at a time.
+What the raw log has is not taken in again (kb.youtube.ytdlp.known_answers), so the same command
+goes on after a kill and repeats nothing. Files are taken as the disk lists them, a few at a time.
 """
 
-import hashlib
 import os
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from functools import partial
+from itertools import compress
 from pathlib import Path
 from typing import Any
-
-import msgspec
 
 from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.errors import FatalError, KbError, LimitReached, SettingError
 from kb.core.progress import Task
-from kb.core.regular_file import open_regular, read_regular
+from kb.core.regular_file import open_regular
 from kb.core.summary import Summary
+from kb.crawl.file_identity import file_stamp
 from kb.crawl.file_text import text_of
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
@@ -33,6 +31,7 @@ from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_OWN, RAW_PLAYLISTS, RAW_SUBTITLES, VIDEOS
 from kb.youtube.parse.channels import ChannelFilter
 from kb.youtube.ytdlp import info, subtitles
+from kb.youtube.ytdlp.known_answers import KnownAnswers, answer_digest
 
 AT_ONCE = 256  # answers that are written and synced together
 AT_ONCE_BYTES = 8 << 20
@@ -48,12 +47,6 @@ _COUNTED = {
     RAW_PLAYLISTS: "playlists",
     RAW_OWN: "own_transcripts",
 }
-
-
-class _Head(msgspec.Struct):
-    """Of an envelope, which file it was."""
-
-    request: Request
 
 
 def import_folders(
@@ -99,7 +92,7 @@ class _Import:
 
     def __init__(self, run: Run, session: CrawlSession) -> None:
         self._run, self._session = run, session
-        self._known = _known(run.root)
+        self._known = KnownAnswers(run.root, _COUNTED)
         self._left_out = ChannelFilter(tombstones.people(run.root, "youtube"))
         self._waiting: list[tuple[str, Envelope]] = []
         self._bytes = 0
@@ -123,7 +116,7 @@ class _Import:
                         if not (shared and _is_own(entry)):
                             self._take(entry)
                             self._continue(task)
-                self._flush(at_least=1)  # whose transcripts come next is known then
+                self._flush(at_least=0)  # whose transcripts come next is known then
                 for folder in own_transcripts:
                     shared = os.path.realpath(folder) in theirs
                     for entry in info.walk(folder, theirs):
@@ -131,7 +124,7 @@ class _Import:
                             self._take_own(entry)
                             self._continue(task)
             finally:
-                self._flush(at_least=1)
+                self._flush(at_least=0)
                 task.advance(0, videos=self.counts["crawled"])
 
     def _continue(self, task: Task) -> None:
@@ -176,16 +169,18 @@ class _Import:
         """What `take` makes of a file of at most so many bytes, unless it was imported before."""
         try:
             about = entry.stat()
-            # What tells one file from another; never the folder, which is of this machine alone.
-            file = name.encode(errors="surrogateescape").decode(errors="replace")
-            changed = _time(about).isoformat()
-            params: dict[str, Any] = {"file": file, "bytes": about.st_size, "changed": changed}
-            if (key := _key(broken == BROKEN_TRANSCRIPTS, **params)) in self._known:
+            stamp = file_stamp(entry.path, about, broken)
+            if self._known.has_file(stamp):
                 self.counts["known_files"] += 1
                 return
-            if about.st_size > most:
+            with open_regular(Path(entry.path)) as opened:
+                data = opened.read(most + 1)
+            if len(data) > most:
                 raise ValueError(f"it has more than {most:,} bytes")
-            data = read_regular(entry.path)
+            # For a reader of the raw log; never the folder, which is of this machine alone.
+            file = name.encode(errors="surrogateescape").decode(errors="replace")
+            changed = _time(about).isoformat()
+            params = {"file": file, "bytes": about.st_size, "changed": changed}
             made = list(take(data, params, _time(about)))
         except OSError as error:
             self._leave_out(UNREADABLE, name, error.strerror or "")
@@ -194,10 +189,11 @@ class _Import:
         except _LeftOut as reason:
             self._leave_out(str(reason), name)
         else:
-            self._waiting += made
+            digests = [answer_digest(kind, rawlog.encode(answer)) for kind, answer in made]
+            fresh = self._known.add(stamp, digests)
+            self._waiting += compress(made, fresh)
             self._bytes += len(data)
-            self._known.add(key)
-            self.counts["imported_files"] += 1
+            self.counts["imported_files" if any(fresh) else "known_files"] += 1
 
     def _leave_out(self, reason: str, name: str, why: str = "") -> None:
         """Count a file that is not imported, and name the first of each reason."""
@@ -209,7 +205,6 @@ class _Import:
     def _info(
         self, data: bytes, params: dict[str, Any], changed: datetime
     ) -> Iterator[tuple[str, Envelope]]:
-        """A playlist's own answer is the last one: only it says that the file was read."""
         found, lists = info.read(data)
         if not (found or lists):
             raise _LeftOut(FOREIGN)
@@ -224,8 +219,7 @@ class _Import:
         if not (videos or playlists):
             raise _LeftOut(PURGED)
         for one in videos:
-            named = {"playlist_file": params["file"]} if playlists else params
-            yield RAW_INFO, _envelope(info.read_at(one) or changed, named, one)
+            yield RAW_INFO, _envelope(info.read_at(one) or changed, params, one)
         for one in playlists:
             one["entries"] = [each for each in one["entries"] if each["id"] not in purged]
             yield RAW_PLAYLISTS, _envelope(info.read_at(one) or changed, params, one)
@@ -284,6 +278,7 @@ class _Import:
             if made:
                 lines = self._session.recorder.record_all(kind, made)
                 self._count(kind, lines)
+        self._known.save()
         self._waiting, self._bytes = [], 0
 
     def _count(self, kind: str, lines: list[bytes]) -> None:
@@ -351,26 +346,6 @@ def unfilled_columns(summary: Summary) -> list[str]:
             " the videos are crawled or imported"
         )
     return lines
-
-
-def _known(root: Path) -> set[bytes]:
-    """The files whose answers are in the raw log, as digests."""
-    decoder = msgspec.json.Decoder(_Head)
-    known = set()
-    for kind in _COUNTED:
-        for path in rawlog.segments(root, "youtube", kind):
-            for _, line in rawlog.Frames(path):
-                params = decoder.decode(line).request.params
-                if (file := params.get("file")) is not None:
-                    size, changed = params.get("bytes"), params.get("changed")
-                    known.add(_key(kind == RAW_OWN, file, size, changed))
-    return known
-
-
-def _key(own: bool, file: str, bytes: int | None, changed: str | None) -> bytes:
-    """A file may be both yt-dlp's and one's own transcript, as the user says."""
-    text = f"{own:d}\0{file}\0{bytes}\0{changed}"
-    return hashlib.blake2b(text.encode(), digest_size=12).digest()
 
 
 def _time(about: os.stat_result) -> datetime:

@@ -22,6 +22,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core import clock
+from kb.core.config.profile.collecting import NOT_PUBLIC
 from kb.core.video_names import possible_ids
 from kb.crawl.file_text import json_value, text_of
 from kb.schema import raw
@@ -330,11 +331,13 @@ _OWN = ("UU", "UC")  # a channel's list of uploads, which nobody made by hand
 
 
 def playlists(root: Path) -> dict[str, str]:
-    """By video, the first playlist by id that lists it. Raises DamagedData."""
+    """By video, the first public playlist by id that lists it. Raises DamagedData."""
     first: dict[str, str] = {}
     for envelope in rawlog.read(root, "youtube", "ytdlp_playlists"):
         playlist = str(envelope.response["id"])
-        for entry in () if playlist.startswith(_OWN) else envelope.response["entries"]:
+        hidden = envelope.response.get("availability") in NOT_PUBLIC
+        left_out = hidden or playlist.startswith(_OWN)
+        for entry in () if left_out else envelope.response["entries"]:
             video = str(entry["id"])
             first[video] = min(playlist, first.get(video, playlist))
     return first

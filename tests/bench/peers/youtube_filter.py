@@ -16,7 +16,7 @@ ITEM = """STRUCT(id VARCHAR,
     snippet STRUCT(publishedAt TIMESTAMP, channelId VARCHAR, title VARCHAR, description VARCHAR,
         channelTitle VARCHAR, tags VARCHAR[], categoryId VARCHAR),
     contentDetails STRUCT(duration VARCHAR, contentRating STRUCT(ytRating VARCHAR)),
-    status STRUCT(license VARCHAR),
+    status STRUCT(license VARCHAR, privacyStatus VARCHAR),
     statistics STRUCT(viewCount VARCHAR, likeCount VARCHAR, commentCount VARCHAR),
     player STRUCT(embedWidth INT, embedHeight INT))"""
 TRACK = """STRUCT(video_id VARCHAR, outcome VARCHAR, kind VARCHAR, language VARCHAR,
@@ -40,6 +40,7 @@ db.execute(f"""
         QUALIFY row_number() OVER (PARTITION BY item.id ORDER BY fetched_at DESC) = 1), newest AS (
         SELECT item.id AS video_id, unnest(item.snippet), item.contentDetails.duration,
             item.contentDetails.contentRating.ytRating AS rating, item.status.license,
+            item.status.privacyStatus AS availability,
             try_cast(item.statistics.viewCount AS BIGINT) AS view_count,
             try_cast(item.statistics.likeCount AS BIGINT) AS like_count,
             try_cast(item.statistics.commentCount AS BIGINT) AS comment_count,
@@ -53,7 +54,8 @@ db.execute(f"""
             + coalesce(try_cast(regexp_extract(duration, '(\\d+)S', 1) AS INT), 0) AS duration_s,
         len(list_filter(string_split(replace(array_to_string(cues.text, ' '), chr(10), ' '), ' '),
             lambda word: word <> '')) AS word_count,
-        CASE WHEN coalesce(player.game_label_id <> '{GAME}', categoryId <> '{CATEGORY}'
+        CASE WHEN availability IN ('private', 'unlisted') THEN 'not_public'
+            WHEN coalesce(player.game_label_id <> '{GAME}', categoryId <> '{CATEGORY}'
                 OR NOT regexp_matches(concat_ws(chr(10), title, array_to_string(tags, chr(10)),
                     description), '{KEYWORD}')) THEN 'topic'
             WHEN view_count IS NULL OR view_count < 100 THEN 'views'

@@ -4,6 +4,7 @@ nothing half-read stays.
 
 import json
 import os
+import random
 import shutil
 import signal
 import time
@@ -16,8 +17,9 @@ from kb.core.progress import LineProgress, Progress
 from kb.core.signals import stop
 from kb.crawl.purge import purge_answers
 from kb.reddit.crawl.importer import import_dumps
-from kb.reddit.dumps import cursor
+from kb.reddit.dumps import cursor, known_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
+from kb.reddit.dumps.known_dumps import note_name, samples_of
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.purge import RULES
 from kb.store import lock
@@ -125,8 +127,11 @@ def test_a_dump_that_is_given_twice_is_read_once(tmp_path, capsys):
 @pytest.mark.parametrize(("workers", "number"), [(1, signal.SIGTERM), (2, signal.SIGINT)])
 def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
     text = os.urandom(15_000).hex()
-    lines = [post(f"p{n:06d}", selftext=text[n % 29_000 : n % 29_000 + 900]) for n in range(15_000)]
-    dumps = [write(tmp_path / f"RS_{n}.zst", lines) for n in range(workers)]
+    lines = [
+        [post(f"p{m}{n:06d}", selftext=text[n % 29_000 :][:900]) for n in range(15_000)]
+        for m in range(workers)
+    ]
+    dumps = [write(tmp_path / f"RS_{m}.zst", posts) for m, posts in enumerate(lines)]
     words = [
         "reddit",
         "import",
@@ -158,7 +163,7 @@ def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
         import_dumps(run_in(tmp_path / "data"), dumps)["crawled"]
         == 15_000 * workers - summary["crawled"]
     )
-    assert set(ids(tmp_path / "data")) == {one["id"] for one in lines}
+    assert set(ids(tmp_path / "data")) == {one["id"] for posts in lines for one in posts}
 
 
 def test_a_request_to_stop_reaches_a_worker_while_it_skips(tmp_path):
@@ -202,7 +207,7 @@ def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
         ],
     )
     import_file(ImportJob(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 300))
-    name = cursor.cursor_name(dump, 0.0, float("inf"))
+    name = note_name(dump, 0.0, float("inf"))
     place, base = cursor.load_cursor(tmp_path, name), rawlog.folder(tmp_path, "reddit", "dumps")
     os.rename(base / place.segment, cursor.hidden(base, place.segment))
     cursor.hidden(base, name).write_bytes(b"TITLE00301")
@@ -221,7 +226,7 @@ def test_a_repaired_dump_of_the_same_size_and_beginning_is_read(tmp_path):
     noise = [post(f"n{n}", selftext=os.urandom(6_000).hex()) for n in range(60)]
     dump = write(tmp_path / "RS.zst", noise, frames=60)
     whole = dump.read_bytes()
-    assert len(whole) > 4 * cursor._START
+    assert len(whole) > 4 * known_dumps._START
     for at in (len(whole) // 2, len(whole) - 700):
         broken = bytearray(whole)
         broken[at : at + 500] = bytes(500)
@@ -234,15 +239,72 @@ def test_a_repaired_dump_of_the_same_size_and_beginning_is_read(tmp_path):
         assert import_dumps(run_in(root), [dump])["crawled"] == 0
 
 
-def test_a_damaged_dump_that_was_written_again_is_read_again(tmp_path, monkeypatch):
-    for module in ("crawl.importer", "dumps.import_file"):  # as if all of it were the same
-        name = f"kb.reddit.{module}.cursor_name"
-        monkeypatch.setattr(name, lambda file, since, until: "one")
-    dump = write(tmp_path / "RS.zst", [*DAYS, b"{ broken"])
-    bad = dump.stat()
-    assert import_dumps(run_in(tmp_path), [dump])["bad_lines"] == 1
-    assert import_dumps(run_in(tmp_path), [dump])["lines"] == len(DAYS) + 1  # the same one
-    write(dump, [*DAYS, post("mended")])
-    os.utime(dump, ns=(bad.st_atime_ns, bad.st_mtime_ns + 1))
-    assert import_dumps(run_in(tmp_path), [dump])["bad_lines"] == 0
-    assert "mended" in ids(tmp_path)
+def noise(path, name="n", changed=()):
+    """A dump of 8 MB, of which samples alone don't tell all; the posts `changed` have other ids, of
+    the same length.
+    """
+    chance = random.Random(1)
+    texts = [chance.randbytes(3_000).hex() for _ in range(1_300)]
+    keys = [f"{'x' if n in changed else name}{n:04d}" for n in range(len(texts))]
+    lines = [json.dumps(post(key, selftext=text)) for key, text in zip(keys, texts, strict=True)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
+def test_dumps_of_one_name_size_and_time_are_told_apart_by_their_content(tmp_path, capsys):
+    """Also where they differ only in what no sample holds; a copy of one is read once, whatever it
+    is called, and hashed once.
+    """
+    first = noise(tmp_path / "a" / "dump.ndjson")
+    second = next(
+        path
+        for n in range(600, 700)
+        if samples_of(path := noise(tmp_path / "b" / "dump.ndjson", changed=(n,)))
+        == samples_of(first)
+    )
+    assert second.stat().st_size == first.stat().st_size
+    for path in (first, second):
+        os.utime(path, (1_600_000_000, 1_600_000_000))
+    run = run_in(tmp_path / "data", progress=LineProgress())
+    assert import_dumps(run, [first])["crawled"] == 1_300
+    assert import_dumps(run, [second])["crawled"] == 1_300
+    assert len(set(ids(tmp_path / "data"))) == 1_301
+    copy = tmp_path / "c" / "other name.ndjson"
+    copy.parent.mkdir()
+    shutil.copyfile(second, copy)
+    for path in (first, second, copy, copy):
+        capsys.readouterr()
+        assert import_dumps(run, [path])["crawled"] == 0
+        assert "already imported (1300" in (shown := capsys.readouterr().err)
+    assert "compare" not in shown  # the copy has a note of its own now
+    both = run_in(tmp_path / "both", progress=LineProgress())
+    for crawled in (2_600, 0, 0):
+        assert import_dumps(both, [first, second, copy])["crawled"] == crawled
+        assert (shown := capsys.readouterr().err).count("same dump as") == 1
+    assert "compare" not in shown
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_what_an_earlier_version_imported_is_not_imported_again(tmp_path, moved):
+    """Its notes have samples alone: these are all of a small dump, wherever it lies; a large one is
+    known where it lay.
+    """
+    large = noise(tmp_path / "a" / "dump.ndjson")
+    small = write(tmp_path / "a" / "RS.zst", DAYS)
+    root = tmp_path / "data"
+    import_dumps(run_in(root), [small, large])
+    for dump in (small, large):
+        name = note_name(dump, 0.0, float("inf"))
+        note = cursor.find_cursor(root, name)
+        note.size, note.samples, note.sha256, note.changed = 0, "", "", dump.stat().st_mtime_ns
+        old = known_dumps.sampled_name(dump, 0.0, float("inf"))
+        cursor.rename_cursor(root, name, old, note)
+    if moved:
+        shutil.move(tmp_path / "a", tmp_path / "b")
+        small, large = tmp_path / "b" / "RS.zst", tmp_path / "b" / "dump.ndjson"
+    before = sorted(rawlog.folder(root, "reddit", "dumps").iterdir())
+    for _ in range(2):
+        assert import_dumps(run_in(root), [small])["crawled"] == 0
+    assert import_dumps(run_in(root), [large])["crawled"] == (1_300 if moved else 0)
+    assert sorted(rawlog.folder(root, "reddit", "dumps").iterdir()) == before

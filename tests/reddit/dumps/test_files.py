@@ -19,8 +19,10 @@ from kb.core.errors import LimitReached, SettingError
 from kb.core.progress import LineProgress
 from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps import files
+from kb.reddit.dumps.cursor import cursors
 from kb.reddit.dumps.files import DEEPEST, ReadProgress, find_dumps, memory
 from kb.store.rawlog import rawlog
+from kb.store.tables.checksums import digest
 from tests.reddit.dumped import (
     archived,
     block,
@@ -147,7 +149,11 @@ def test_every_container_is_known_by_its_content(tmp_path: Path, pack: Pack) -> 
         assert (done["crawled"], done["lines"]) == (466, 700)
         assert (done["bad_lines"], done["truncated_files"]) == (0, 0)
     assert raw(tmp_path / "b") == raw(tmp_path / "a")
-    assert took(tmp_path / "c", [tmp_path / "a.gz", tmp_path / "b.jsonl"])["crawled"] == 932
+    for name in ("a.gz", "b.jsonl"):  # hashed to its end while it was read
+        (noted,) = cursors(tmp_path / name[0]).values()
+        assert noted.sha256 == digest(tmp_path / name)
+    both = took(tmp_path / "c", [tmp_path / "a.gz", tmp_path / "b.jsonl"])
+    assert both["crawled"] == (466 if pack is plain else 932)  # the very same bytes
 
 
 @each

@@ -56,6 +56,7 @@ def answers(*rows: dict[str, Any]) -> pa.Table:
     types = {
         "video_id": pa.string(),
         "title": pa.string(),
+        "availability": pa.string(),
         "missing": pa.bool_(),
         **dict.fromkeys(("view_count", "like_count", "comment_count"), pa.int64()),
         "fetched_at": TIME,
@@ -85,6 +86,28 @@ def test_the_newest_value_counts_and_null_replaces_nothing(
     (row,) = rows.to_pylist()
     assert (row["title"], row["view_count"], row["from_file"]) == (title, views, False)
     assert row["fetched_at"] == api["fetched_at"] or row["fetched_at"] == file["fetched_at"]
+
+
+@pytest.mark.parametrize(
+    ("api", "file", "said"),
+    [
+        ("public", "unlisted", "public"),
+        ("unlisted", "public", "unlisted"),
+        (None, "unlisted", "unlisted"),
+        ("public", "subscriber_only", "subscriber_only"),  # which the API does not tell
+        ("private", "subscriber_only", "subscriber_only"),
+        ("public", None, "public"),
+        (None, None, None),
+    ],
+)
+def test_who_may_see_a_video_by_a_newer_answer_of_the_api(
+    api: str | None, file: str | None, said: str | None
+) -> None:
+    rows = one_row_each(
+        answers(video(FRIDAY, availability=api)), answers(video(MONDAY, availability=file)), None
+    )
+    assert rows is not None
+    assert rows["availability"].to_pylist() == [said]
 
 
 def test_counts_are_of_one_answer() -> None:
@@ -236,7 +259,7 @@ def test_a_crawl_across_the_change_says_that_it_mixes_both(job: Job) -> None:
     job.done("youtube", "export")
     (folder,) = in_root(job.root)
     with database.asking() as con:
-        (sentence,) = gaps(con, folder)
+        sentence, *_ = gaps(con, job.root, folder)
     for rule, n in counts.items():
         assert f"those of {n:,} videos" in sentence, rule
     assert "not comparable" in sentence

@@ -1,6 +1,7 @@
 """Folders of yt-dlp are imported."""
 
 import json
+import os
 import shutil
 from typing import Any
 
@@ -378,3 +379,53 @@ def test_what_a_track_is(
     if manual is not None and automatic is not None:
         listed = ListedTracks(frozenset(manual.split()), frozenset(automatic.split()))
     assert kind_of(name, timed, listed) == TrackKind(*kind)
+
+
+def test_files_of_one_name_size_and_time_are_told_apart_by_their_content(job: Job) -> None:
+    """Three videos in folders of their own, with subtitles that say the same and a playlist each;
+    a copy of them is nothing new, wherever it lies.
+    """
+    folder, track = job.place / "videos", vtt(spoken("we build a farm"), automatic=True)
+    about = {"_type": "playlist", "title": "x", "extractor_key": "YoutubeTab", "entries": []}
+    for number in range(3):
+        place = folder / str(number)
+        place.mkdir(parents=True)
+        (place / "video.info.json").write_text(json.dumps(info(video_id(number))))
+        (place / "video.en.vtt").write_text(track)
+        (place / "list.info.json").write_text(json.dumps(about | {"id": f"PL{number}"}))
+    for path in folder.rglob("*.*"):
+        os.utime(path, (1_790_000_000, 1_790_000_000))
+    one = job.done("youtube", "import", str(folder))
+    assert (one["crawled"], one["subtitles"], one["playlists"], one["files"]) == (3, 3, 3, 9)
+    again = job.done("youtube", "import", str(folder))
+    assert (again["files"], again["known_files"]) == (0, 9)
+    assert job.done("youtube", "filter")["kept"] == 3
+    shutil.copytree(folder, job.place / "copy", copy_function=shutil.copyfile)
+    again = job.done("youtube", "import", str(job.place / "copy"))
+    assert (again["files"], again["known_files"]) == (0, 9)
+
+
+def test_a_file_is_opened_again_where_its_answer_is_lost_or_the_file_another_one(job: Job) -> None:
+    folder = job.place / "videos"
+    folder.mkdir()
+    path, old = folder / "video.info.json", json.dumps(info(video_id(1)))
+    path.write_text(old)
+    about = path.stat()
+    job.done("youtube", "import", str(folder))
+    (segment,) = (job.root / "raw/youtube/ytdlp_info").glob("*.zst")
+    path.write_text(old.replace(video_id(1), video_id(2)))
+    os.utime(path, ns=(about.st_atime_ns, about.st_mtime_ns))
+    assert path.stat().st_size == about.st_size
+    assert job.done("youtube", "import", str(folder))["crawled"] == 1
+    assert {one["response"]["id"] for one in job.raw("ytdlp_info")} == {video_id(1), video_id(2)}
+    path.write_text(old)
+    assert job.done("youtube", "import", str(folder))["known_files"] == 1
+    notes = job.root / "state/youtube-import/files.stamps"
+    noted = notes.read_bytes()
+    segment.unlink()
+    shutil.rmtree(job.root / "state")
+    notes.parent.mkdir(parents=True)
+    notes.write_bytes(noted + b"torn")
+    assert job.done("youtube", "import", str(folder))["crawled"] == 1
+    assert job.done("youtube", "import", str(folder))["known_files"] == 1
+    assert notes.stat().st_size == len(noted) + 24
