@@ -16,8 +16,6 @@ from kb.store.state.crawl_state import REBUILT
 from kb.store.tables import reading
 from kb.verify.findings import Findings
 
-_CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
-
 
 class _Extraction(msgspec.Struct):
     sprites: dict[str, str] = {}
@@ -102,7 +100,7 @@ def state(findings: Findings, path: Path) -> None:
 def side_file(findings: Findings, path: Path) -> None:
     """A captured page's file or an image, by what it should be."""
     kind = "images" if path.parent.name == "images" else "captures"
-    if path.name == SUMS or path.name in _CAPTURE or sidefiles.expected(path):
+    if path.name == SUMS or path.name in sidefiles.CAPTURE or sidefiles.expected(path):
         if sidefiles.is_intact(path, advance=findings.advance) and _unpacks(path):
             findings.intact(kind, path)
         else:
@@ -116,7 +114,7 @@ def lost_side_files(findings: Findings, root: Path) -> None:
     """Add missing pages and images that raw answers refer to."""
     pages, images = _named(root)
     for folder in pages.values():
-        names = sidefiles.sums(root / folder) or dict.fromkeys(_CAPTURE)
+        names = sidefiles.sums(root / folder) or dict.fromkeys(sidefiles.CAPTURE)
         for name in sorted(names):
             if not (root / folder / name).is_file():
                 findings.missing("captures", root / folder / name, _refetch_hint())

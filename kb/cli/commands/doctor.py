@@ -209,11 +209,12 @@ def _file_system(place: Path) -> str:
 
 def _clock(run: Run) -> Iterator[Line]:
     """Whether the clock is behind the newest file. (With `--online` certificates tell as well.)"""
-    from kb.store.layout import Layout
+    from kb.store.rawlog import rawlog
 
     now = datetime.now(UTC)
-    written = [Path(__file__), *Layout(run.root).raw().glob("*/*/*.zst")]
-    newest = datetime.fromtimestamp(max(path.stat().st_mtime for path in written), UTC)
+    written = [Path(__file__)]
+    written += [path for source in SOURCES for path in rawlog.all_segments(run.root, source)]
+    newest = datetime.fromtimestamp(max(path.lstat().st_mtime for path in written), UTC)
     shown = now.strftime("%Y-%m-%d %H:%M:%S UTC")
     if (newest - now).total_seconds() > 60:
         fix = f"set it: a file is from {newest:%Y-%m-%d %H:%M:%S}, and quotas are counted by day"

@@ -167,7 +167,8 @@ def folder(root: Path, source: str, kind: str) -> Path:
 def kinds(root: Path, source: str) -> list[str]:
     """The kinds of answers that a source has on disk."""
     base = Layout(root).raw(source)
-    return sorted(path.name for path in base.iterdir() if path.is_dir()) if base.is_dir() else []
+    paths = base.iterdir() if base.is_dir() else ()
+    return sorted(path.name for path in paths if path.is_dir() and not path.name.startswith("."))
 
 
 def segments(root: Path, source: str, kind: str) -> list[Path]:
@@ -176,7 +177,8 @@ def segments(root: Path, source: str, kind: str) -> list[Path]:
     if not base.is_dir():
         return []
     paths = (path for path in base.iterdir() if path.name.endswith((SUFFIX, OPEN)))
-    return sorted(paths, key=base_name)
+    # Hidden ones are on their way, or macOS's ._NAME beside NAME.
+    return sorted((path for path in paths if not path.name.startswith(".")), key=base_name)
 
 
 def all_segments(root: Path, source: str) -> list[Path]:
