@@ -62,10 +62,12 @@ def bring(root: Path, source: str, other: Path) -> int:
     if not theirs:
         return 0
     folder.mkdir(parents=True, exist_ok=True)
-    known = f"ANTI JOIN {scan(ours)} USING ({', '.join(KEY)})" if ours else ""
+    known, added = (
+        f"SELECT DISTINCT {', '.join(KEY)} FROM {scan(files)}" for files in (ours, theirs)
+    )
+    sql = f"SELECT count(*) FROM ({added}{f' EXCEPT {known}' if ours else ''})"
     with reading([*theirs, *ours]), database.over([*theirs, *ours], folder) as con:
         parquet.check(*theirs, *ours)
-        sql = f"SELECT count(*) FROM (SELECT DISTINCT {', '.join(KEY)} FROM {scan(theirs)} {known})"
         new = int((con.execute(sql).fetchone() or (0,))[0])
     if new:
         unite(folder, theirs)

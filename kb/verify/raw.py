@@ -9,7 +9,6 @@ import msgspec
 import zstandard
 
 from kb.core.errors import DamagedData
-from kb.store.artifact_registry import SUMS
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.rawlog import damaged_answers, rawlog, sidefiles
 from kb.store.state.crawl_state import REBUILT
@@ -100,14 +99,11 @@ def state(findings: Findings, path: Path) -> None:
 def side_file(findings: Findings, path: Path) -> None:
     """A captured page's file or an image, by what it should be."""
     kind = "images" if path.parent.name == "images" else "captures"
-    if path.name == SUMS or path.name in sidefiles.CAPTURE or sidefiles.expected(path):
-        if sidefiles.is_intact(path, advance=findings.advance) and _unpacks(path):
-            findings.intact(kind, path)
-        else:
-            what = "is not what was stored" if path.stat().st_size else "is empty"
-            findings.damaged(kind, path, what, _refetch_hint())
+    if sidefiles.is_intact(path, advance=findings.advance) and _unpacks(path):
+        findings.intact(kind, path)
     else:
-        findings.foreign(kind, path, "no crawl has written it", "move it away")
+        what = "is not what was stored" if path.stat().st_size else "is empty"
+        findings.damaged(kind, path, what, _refetch_hint())
 
 
 def lost_side_files(findings: Findings, root: Path) -> None:

@@ -38,7 +38,11 @@ def test_a_damaged_file_of_scores_is_named(scores: Scores, name: str, how: str) 
     data = path.read_bytes()
     path.write_bytes({"empty": b"", "cut": data[:-20], "other": b"no scores" * 20}[how])
     hashes = pa.array([HASH])
-    for use in (lambda: scores.lookup(hashes), scores.precisions, lambda: annotations.unite(path.parent)):
+    for use in (
+        lambda: scores.lookup(hashes),
+        scores.precisions,
+        lambda: annotations.unite(path.parent),
+    ):
         with pytest.raises(DamagedData, match=f"{path} can't be read") as error:
             use()
         assert "remove it, then run `kb youtube filter`" in error.value.hint

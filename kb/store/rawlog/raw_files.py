@@ -60,8 +60,9 @@ def kind_of(source: str, path: Path) -> RawKind:
         is_mark = path.match(BELOW.key_mark(source, "*").name)
         return RawKind.KEY_MARK if is_mark else RawKind.FOREIGN
     if folders[0] in SOURCES[source].files:
-        is_set_aside = name.endswith(sidefiles.QUARANTINE_SUFFIX)
-        return RawKind.SET_ASIDE if is_set_aside else RawKind.CAPTURED
+        if name.endswith(sidefiles.QUARANTINE_SUFFIX):
+            return RawKind.SET_ASIDE
+        return RawKind.CAPTURED if sidefiles.is_captured_name(name) else RawKind.FOREIGN
     if len(folders) == 1 and name.endswith((rawlog.SUFFIX, rawlog.OPEN)):
         return RawKind.SEGMENT
     if len(folders) == 1 and f"{rawlog.SUFFIX}.damaged-" in name:

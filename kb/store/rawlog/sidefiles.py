@@ -29,6 +29,11 @@ CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
 _NAMED = re.compile(r"([0-9a-f]{64})\.[a-z0-9]+")
 
 
+def is_captured_name(name: str) -> bool:
+    """Whether a crawl gives this name to a captured page's file or an image."""
+    return name in CAPTURE or name == SUMS or _NAMED.fullmatch(name) is not None
+
+
 def write_sums(folder: Path) -> None:
     """Write SHA256SUMS over the files of a folder that is on its way."""
     files = sorted(path for path in folder.iterdir() if path.name != SUMS)
@@ -179,9 +184,8 @@ def remove_page(root: Path, key: str) -> None:
     """Remove the captures of a page, also where links lead to their folders on another disk."""
     page = Layout(root).captures / key
     for path in files_below(page, strict=False):
-        name = path.name.removesuffix(QUARANTINE_SUFFIX)
-        if name in CAPTURE or name == SUMS:  # nobody else's files, wherever a link leads
-            path.unlink()
+        if is_captured_name(path.name.removesuffix(QUARANTINE_SUFFIX)):
+            path.unlink()  # and nobody else's files, wherever a link leads
     if page.is_symlink():
         page.unlink()
     else:
