@@ -57,7 +57,9 @@ def walk(
 def files_below(folder: Path, root: Path | None = None, *, strict: bool = True) -> Iterator[Path]:
     """Every file below a folder, and links to files; hidden ones too. As `walk`."""
     for _, _, others in walk(folder, root, strict=strict):
-        yield from (Path(entry.path) for entry in others if entry.is_file())
+        for path, entry in ((Path(entry.path), entry) for entry in others):
+            if entry.is_file(follow_symlinks=False) or path.is_file():
+                yield path
 
 
 def _entries(where: Path) -> list[os.DirEntry[str]]:

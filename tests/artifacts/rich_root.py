@@ -1,4 +1,4 @@
-"""A data root in which every kind of file lies, what killed commands and other programs left too."""
+"""A data root in which every kind of file lies, also what killed commands and others left."""
 
 import io
 from datetime import UTC, datetime

@@ -26,6 +26,7 @@ from kb.schema.decode import holdable
 from kb.store.atomic import append, sync_folder
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import Layout
+from kb.store.walk import walk
 
 SUFFIX = ".ndjson.zst"
 OPEN = SUFFIX + ".open"
@@ -166,9 +167,8 @@ def folder(root: Path, source: str, kind: str) -> Path:
 
 def kinds(root: Path, source: str) -> list[str]:
     """The kinds of answers that a source has on disk."""
-    base = Layout(root).raw(source)
-    paths = base.iterdir() if base.is_dir() else ()
-    return sorted(path.name for path in paths if path.is_dir() and not path.name.startswith("."))
+    _, folders, _ = next(walk(Layout(root).raw(source), root, strict=False), (root, [], []))
+    return [name for name in folders if not name.startswith(".")]
 
 
 def segments(root: Path, source: str, kind: str) -> list[Path]:
