@@ -9,7 +9,7 @@ from PIL import Image
 from kb.labels.imports import replace_answers
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog, sidefiles
-from tests.wiki.handmade_data import MONDAY, captured, page, put, told
+from tests.wiki.handmade_data import MONDAY, captured, page, told
 from tests.youtube.job import Job
 
 LEFT = (
@@ -68,8 +68,16 @@ def _answer(
 
 def _wiki(root: Path, machine: int) -> None:
     key = machine * 10
-    put(root, "pages", (MONDAY, told(page(key, f"Kiln {machine}"))))
-    put(root, "renders", (MONDAY, captured(root, key, f"Kiln {machine}")))
+    title = f"Kiln {machine}"
+    asked = {"round": "1", "titles": title, "page_id": str(key)}
+    for kind, answer in (
+        ("pages", told(page(key, title))),
+        ("renders", captured(root, key, title)),
+    ):
+        segment = rawlog.Segment(rawlog.folder(root, "wiki", kind))
+        request = rawlog.Request("http://wiki.example/w/api.php", asked)
+        segment.append(rawlog.encode(rawlog.Envelope(MONDAY, request, 200, answer)))
+        segment.close()
     folder = Layout(root).captures / str(key) / "1"
     picture = io.BytesIO()
     Image.new("RGB", (1280, 2000), (key, 0, 0)).save(picture, "png")
