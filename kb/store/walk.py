@@ -8,6 +8,7 @@ a download no link is followed.
 """
 
 import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,25 +25,26 @@ def walk(
     folder.
 
     `root` is the data root, where `folder` lies below it. Raises DamagedData for a link that leads
-    back or nowhere; without `strict` such links are among the other entries, or nothing is there.
+    back or nowhere, PermissionError for a folder that can't be read; without `strict` such links
+    are among the other entries, and nothing is in such folders.
     """
     top = folder if root is None else root
     held = [top.resolve()]  # what is walked
     for place in reversed([folder, *folder.parents]):
         if place != top and place.is_relative_to(top) and place.is_symlink():
-            if wrong := _wrong(place, held):
+            if refusal := _refusal(place, held):
                 if strict:
-                    raise _refused(place, wrong)
+                    raise refusal
                 return
             held.append(place.resolve())
     waiting = [folder]
     while waiting:
         where = waiting.pop()
         folders, others = [], []
-        for entry in _entries(where):
-            if entry.is_symlink() and (wrong := _wrong(Path(entry.path), held)):
+        for entry in _entries(where, strict):
+            if entry.is_symlink() and (refusal := _refusal(Path(entry.path), held)):
                 if strict and not entry.name.startswith("."):  # editors make some that lead nowhere
-                    raise _refused(entry.path, wrong)
+                    raise refusal
                 others.append(entry)
             elif not entry.is_dir():
                 others.append(entry)
@@ -62,32 +64,33 @@ def files_below(folder: Path, root: Path | None = None, *, strict: bool = True) 
                 yield path
 
 
-def _entries(where: Path) -> list[os.DirEntry[str]]:
+def _entries(where: Path, strict: bool) -> list[os.DirEntry[str]]:
     try:
         with os.scandir(where) as entries:
             return sorted(entries, key=lambda entry: entry.name)
     except (FileNotFoundError, NotADirectoryError):
         return []  # removed meanwhile
     except PermissionError:
-        if where.name.startswith("."):  # what a system keeps on a disk
-            return []
-        raise
+        if strict and not where.name.startswith("."):  # which systems keep on a disk
+            raise
+        return []
 
 
-def _wrong(link: Path, held: list[Path]) -> str:
-    """What is wrong with a link; "" for one to a file or to another folder."""
+def _refusal(link: Path, held: list[Path]) -> DamagedData | None:
+    """Why a link is not followed; None for one to a file or to another folder."""
     real = Path(os.path.realpath(link))  # resolve() raises for a link to itself
-    if not real.exists():
-        return f"is a link to {real}, which is not there"
-    if real.is_dir() and any(
+    try:
+        is_folder = stat.S_ISDIR(real.stat().st_mode)
+    except OSError:
+        return DamagedData(
+            f"{link} is a link to {real}, which is not there",
+            hint="mount the disk that it leads to; for a new folder, create it",
+        )
+    if is_folder and any(
         real.is_relative_to(other) or other.is_relative_to(real) for other in held
     ):
-        return f"is a link that leads back into the data root, to {real}"
-    return ""
-
-
-def _refused(link: object, wrong: str) -> DamagedData:
-    missing = "mount the disk that it leads to; for a new folder, create it"
-    return DamagedData(
-        f"{link} {wrong}", hint=missing if wrong.endswith("not there") else "remove the link"
-    )
+        return DamagedData(
+            f"{link} is a link that leads back into the data root, to {real}",
+            hint="remove the link",
+        )
+    return None

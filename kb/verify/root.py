@@ -259,7 +259,10 @@ def verify(folder: Path, progress: Progress) -> Findings:
     if not is_root(folder) and not catalog.releases:
         raise empty(folder)
     busy = Busy(folder)  # before the list: what was on its way in it may be finished at once
-    files = list(_files(folder))
+    if is_root(folder):
+        files = list(_files(folder))
+    else:  # a stranger's links are not followed
+        files = [file for one in catalog.releases for file in release_folder.entries(one.path)]
     size = sum(map(_size, files))
     with progress.task(f"verify {folder.name}", total=size, unit="bytes") as task:
         read = 0

@@ -91,6 +91,10 @@ def test_a_linked_folder_is_part_of_the_root(made: Job, tmp_path: Path, folder: 
 
 def test_new_answers_in_a_linked_folder_are_filtered(made: Job, tmp_path: Path) -> None:
     job = moved(made, tmp_path, "raw/youtube/videos", "raw/wiki/pages")
+    shot = job.root / "raw/wiki/pages/10/1/screenshot.png"
+    os.rename(shot, tmp_path / "shot.png")
+    shot.symlink_to(tmp_path / "shot.png")
+    job.done("wiki", "export")
     segment = rawlog.segments(job.root, "youtube", "videos")[0]
     shutil.copyfile(segment, segment.with_name(f"000007-abcdef01{rawlog.SUFFIX}"))
     assert not manifest.is_current(job.root, "clean/youtube")
@@ -106,6 +110,9 @@ def test_a_purge_reaches_what_links_lead_to(made: Job, tmp_path: Path) -> None:
         for segment in rawlog.segments(job.root, "youtube", kind):
             os.rename(segment, disk / segment.name)
             segment.symlink_to(disk / segment.name)
+    shot = job.root / "raw/wiki/pages/10/1/screenshot.png"
+    os.rename(shot, disk / "shot.png")
+    shot.symlink_to(disk / "shot.png")
     gone = job.rows("SELECT video_id FROM clean.youtube_videos ORDER BY video_id")[0]["video_id"]
     ids = tmp_path / "ids.txt"
     ids.write_text(f"{gone}\n")
@@ -116,7 +123,7 @@ def test_a_purge_reaches_what_links_lead_to(made: Job, tmp_path: Path) -> None:
         assert gone.encode() not in path.read_bytes()
     ids.write_text("10\n")
     job.done("purge", "wiki", "--ids", str(ids))
-    assert list((disk / "raw-wiki-pages-10").rglob("*.png")) == []
+    assert list(disk.rglob("*.png")) == []
     assert not os.path.lexists(job.root / "raw/wiki/pages/10")
 
 

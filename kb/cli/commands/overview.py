@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pyarrow.parquet as pq
 
 from kb.artifacts import freshness
+from kb.artifacts.release_folder import entries
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
 from kb.core import clock
@@ -70,10 +71,14 @@ def overview(run: Run) -> dict[str, Any]:
     if run.profile.path != Path() and not catalog.is_download:
         outdated = freshness.plan(run, freshness.graph(run))
         stale = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
-    folders = [one.path for one in catalog.releases] if catalog.is_download else []
-    if not folders:
+    if catalog.is_download and catalog.releases:  # of which no link is followed
+        disk = {
+            one.path.name: sum(file.lstat().st_size for file in entries(one.path))
+            for one in catalog.releases
+        }
+    else:
         folders = [run.root / name for name in (*TOP, "demo") if (run.root / name).is_dir()]
-    disk = {path.name: _size(path) for path in folders}
+        disk = {path.name: _size(path) for path in folders}
     collected = any(about["rows"] or about["phases"] for about in sources.values())
     return {
         "data": str(run.root),

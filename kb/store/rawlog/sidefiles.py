@@ -174,19 +174,28 @@ def remove_image(root: Path, path: str) -> None:
     is_named = _names_captured(path) and _NAMED.fullmatch(place.name)  # damaged, on another disk
     if not is_named and not is_captured_path(root, path):  # no crawl wrote it
         return
-    if place.is_symlink() and expected(place) is not None and is_intact(place):
-        place.resolve().unlink()
-    place.unlink(missing_ok=True)
+    _remove(place)
     quarantine_path(place).unlink(missing_ok=True)
 
 
 def remove_page(root: Path, key: str) -> None:
     """Remove the captures of a page, also where links lead to their folders on another disk."""
     page = Layout(root).captures / key
-    for path in files_below(page, strict=False):
-        if is_captured_name(path.name.removesuffix(QUARANTINE_SUFFIX)):
-            path.unlink()  # and nobody else's files, wherever a link leads
+    captured = [
+        path
+        for path in files_below(page, strict=False)
+        if is_captured_name(path.name.removesuffix(QUARANTINE_SUFFIX))
+    ]
+    for path in sorted(captured, key=lambda path: path.name == SUMS):  # which describes the others
+        _remove(path)
     if page.is_symlink():
         page.unlink()
     else:
         shutil.rmtree(page, ignore_errors=True)
+
+
+def _remove(path: Path) -> None:
+    """Remove a captured file; of a link to one, both, but nobody else's file."""
+    if path.is_symlink() and expected(path) is not None and is_intact(path):
+        path.resolve().unlink()
+    path.unlink(missing_ok=True)
