@@ -1,7 +1,7 @@
 """annotations/<source>/: scores beside the rows, keyed by text hash, model, revision and precision.
 
 Finished chunks appear as parts while a run goes on, so that a cut-off run scores nothing twice; at
-its end they become one sorted file (kb.artifacts.annotations). A row that is in both for a moment
+its end they become one sorted file (kb.artifacts.score_files). A row that is in both for a moment
 is the same row.
 """
 
@@ -19,8 +19,8 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import annotations, purge_rows
-from kb.artifacts.annotations import TABLE
+from kb.artifacts import purge_rows, score_files
+from kb.artifacts.score_files import TABLE
 from kb.schema.tables import table
 from kb.store.artifact_registry import MANIFEST
 from kb.store.layout import Layout, parquet_files
@@ -176,7 +176,7 @@ class Scores:
     def _next(self) -> int:
         numbers = [
             re.fullmatch(r"part-(\d+)\.parquet", path.name)
-            for path in parquet_files(Path(self.folder), annotations.PARTS)
+            for path in parquet_files(Path(self.folder), score_files.PARTS)
         ]
         return 1 + max((int(match.group(1)) for match in numbers if match), default=-1)
 

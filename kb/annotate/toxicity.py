@@ -27,7 +27,7 @@ import pyarrow.compute as pc
 from kb.annotate.backends import REACH, check_options, choose_device, open_runner, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
-from kb.artifacts import annotations, manifest
+from kb.artifacts import manifest, score_files
 from kb.artifacts.freshness import MODEL
 from kb.core import clock, signals
 from kb.core.config.settings import Settings
@@ -121,8 +121,8 @@ class ToxicityScorer:
         with self.run.progress.task(f"toxicity {self.source}", unit="texts") as task:
             counts = self._annotate(batches, task)
         folder = Path(self.scores.folder)
-        if parquet_files(folder, annotations.PARTS):
-            annotations.unite(folder)
+        if parquet_files(folder, score_files.PARTS):
+            score_files.unite(folder)
         return counts
 
     def _annotate(self, batches: Iterable[Any], task: Any) -> AnnotationCounts:

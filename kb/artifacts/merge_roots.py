@@ -22,7 +22,7 @@ from pathlib import Path
 
 import msgspec
 
-from kb.artifacts import annotations, domain_binding
+from kb.artifacts import domain_binding, score_files
 from kb.artifacts.table_catalog import existing, is_root
 from kb.core.context import Run
 from kb.core.errors import OtherService, SettingError, WriterLocked
@@ -69,7 +69,7 @@ def merge(run: Run, others: Sequence[Path]) -> Summary:
                         task.advance(1, copied=counts["files"])
                 _note(root, run.root, source)
                 counts["requests"] += _spent(root, run.root, source)
-                counts["scores"] += annotations.bring(run.root, source, root)
+                counts["scores"] += score_files.bring(run.root, source, root)
             if purged and counts["files"] + counts["scores"] == before:  # nothing may hold it
                 Layout(run.root).purge(source).unlink()
         domain_binding.note_if_stored(run.root, run.profile)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from kb.annotate.scores import Scores, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
-from kb.artifacts import annotations, manifest
+from kb.artifacts import manifest, score_files
 from kb.artifacts.purge_rows import drop_annotations
 from kb.core.errors import DamagedData
 
@@ -26,7 +26,7 @@ def scores(tmp_path: Path) -> Scores:
     folder.mkdir(parents=True)
     made = Scores(str(folder), "original", "0123456789abcdef")
     made.write([HASH], [[0.5]], ["fp32"], ["toxicity"])
-    annotations.unite(folder)
+    score_files.unite(folder)
     made.write([HASH], [[0.5]], ["fp32"], ["toxicity"])
     return made
 
@@ -41,7 +41,7 @@ def test_a_damaged_file_of_scores_is_named(scores: Scores, name: str, how: str) 
     for use in (
         lambda: scores.lookup(hashes),
         scores.precisions,
-        lambda: annotations.unite(path.parent),
+        lambda: score_files.unite(path.parent),
     ):
         with pytest.raises(DamagedData, match=f"{path} can't be read") as error:
             use()

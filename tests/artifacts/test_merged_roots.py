@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import manifest
-from kb.artifacts.annotations import KEY
+from kb.artifacts.score_files import KEY
 from kb.labels.imports import stored
 from kb.sandbox.world import World
 from kb.store.layout import Layout, parquet_files
