@@ -112,7 +112,11 @@ class FileVerifier:
             case RawKind.CAPTURED:
                 raw.side_file(findings, path)
             case RawKind.FOREIGN:
-                self._foreign("raw answers", path, "no crawl or import has written it")
+                of = SOURCES[parts[1]].files if parts[1] in SOURCES else ()
+                kind = (
+                    raw.captured_kind(path) if len(parts) > 2 and parts[2] in of else "raw answers"
+                )
+                self._foreign(kind, path, "no crawl or import has written it")
 
     def _state(self, path: Path, parts: tuple[str, ...]) -> None:
         if path.suffix == ".sqlite" and len(parts) == 2:

@@ -96,9 +96,14 @@ def state(findings: Findings, path: Path) -> None:
     findings.checked("state", path, what, REBUILT)
 
 
+def captured_kind(path: Path) -> str:
+    """Whether a file lies among images or captured pages."""
+    return "images" if path.parent.name == "images" else "captures"
+
+
 def side_file(findings: Findings, path: Path) -> None:
     """A captured page's file or an image, by what it should be."""
-    kind = "images" if path.parent.name == "images" else "captures"
+    kind = captured_kind(path)
     if sidefiles.is_intact(path, advance=findings.advance) and _unpacks(path):
         findings.intact(kind, path)
     else:
