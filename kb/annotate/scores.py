@@ -1,8 +1,8 @@
 """annotations/<source>/: scores beside the rows, keyed by text hash, model, revision and precision.
 
-Finished chunks appear as `part-*.parquet` while a run goes on, so that a cut-off run scores nothing
-twice; at its end they are merged into the one sorted `toxicity.parquet`, whose bytes depend on the
-texts alone. A row that is in both for a moment is the same row.
+Finished chunks appear as parts while a run goes on, so that a cut-off run scores nothing twice; at
+its end they become one sorted file (kb.artifacts.score_files). A row that is in both for a moment
+is the same row.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import manifest, purge_rows
+from kb.artifacts import purge_rows, score_files
+from kb.artifacts.score_files import TABLE
 from kb.schema.tables import table
 from kb.store.artifact_registry import MANIFEST
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
-from kb.store.tables.shard_writer import ShardWriter, order, write_table
+from kb.store.tables.shard_writer import write_table
 
-TABLE = "shared/annotations"
 CATEGORIES = (
     "toxicity",
     "severe_toxicity",
@@ -148,39 +148,16 @@ class Scores:
                 },
             }
         )
-        path = Path(self.folder) / f"part-{self._next():06d}.parquet"
-        write_table(path, rows, TABLE)
-        return path
-
-    def merge(self) -> Path | None:
-        """All parts and the merged file as one sorted file without duplicates;
-        None when there is nothing.
-        """
-        parts = sorted(Path(self.folder).glob("part-*.parquet"))
         folder = Path(self.folder)
-        path = folder / "toxicity.parquet"
-        if not parts:
-            return path if path.exists() else None
-        (folder / MANIFEST).unlink(missing_ok=True)  # it describes the previous file
-        # DuckDB sorts on disk when memory is short; rows come and go a batch at a time.
-        with self._reading() as con, ShardWriter(path, TABLE, in_order=True) as writer:
-            rows = con.sql(
-                f"SELECT text_hash, model, revision, precision, {', '.join(CATEGORIES)}"
-                f" FROM {self._files()} QUALIFY row_number() OVER (PARTITION BY text_hash, model,"
-                f" revision, precision ORDER BY {', '.join(CATEGORIES)}) = 1"
-                f" ORDER BY {', '.join(order(table(TABLE)))}"
-            )
-            for batch in rows.to_arrow_reader(50_000):
-                writer.write(pa.Table.from_batches([batch]))
-        for part in parts:
-            part.unlink()
-        manifest.record(folder, f"annotations/{folder.name}")
+        path = folder / f"part-{self._next():06d}.parquet"
+        (folder / MANIFEST).unlink(missing_ok=True)  # it does not know the part
+        write_table(path, rows, TABLE)
         return path
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[duckdb.DuckDBPyConnection]:
         """A connection for the files of scores. Raises DamagedData for one that can't be read."""
-        files = sorted(Path(self.folder).glob("*.parquet"))
+        files = parquet_files(Path(self.folder))
         with reading(files), database.over(files, Path(self.folder)) as con:
             yield con
 
@@ -199,7 +176,7 @@ class Scores:
     def _next(self) -> int:
         numbers = [
             re.fullmatch(r"part-(\d+)\.parquet", path.name)
-            for path in Path(self.folder).glob("part-*.parquet")
+            for path in parquet_files(Path(self.folder), score_files.PARTS)
         ]
         return 1 + max((int(match.group(1)) for match in numbers if match), default=-1)
 

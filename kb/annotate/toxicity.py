@@ -27,14 +27,14 @@ import pyarrow.compute as pc
 from kb.annotate.backends import REACH, check_options, choose_device, open_runner, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
-from kb.artifacts import manifest
+from kb.artifacts import manifest, score_files
 from kb.artifacts.freshness import MODEL
 from kb.core import clock, signals
 from kb.core.config.settings import Settings
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached, MissingExtra, MissingModel
-from kb.store.layout import Layout
+from kb.store.layout import Layout, parquet_files
 
 CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # the largest chunk
 FIRST, SMALLEST = 32, 128  # the first chunk, and a slow model's, is this part of it
@@ -120,8 +120,9 @@ class ToxicityScorer:
             return AnnotationCounts()
         with self.run.progress.task(f"toxicity {self.source}", unit="texts") as task:
             counts = self._annotate(batches, task)
-        if any(Path(self.scores.folder).glob("part-*.parquet")):
-            self.scores.merge()
+        folder = Path(self.scores.folder)
+        if parquet_files(folder, score_files.PARTS):
+            score_files.unite(folder)
         return counts
 
     def _annotate(self, batches: Iterable[Any], task: Any) -> AnnotationCounts:

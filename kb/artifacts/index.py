@@ -5,14 +5,13 @@ date: a purge at once (`remove`), a filter where its texts have changed (`remove
 under the source's lock (kb.store.lock.of_clean).
 """
 
-import shutil
 from pathlib import Path
 
 from kb.artifacts import manifest, texts
 from kb.artifacts.table_catalog import Catalog
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST
-from kb.store.atomic import followed
+from kb.store.atomic import remove_folder
 from kb.store.layout import Layout
 
 LOCKS = (".tantivy-meta.lock", ".tantivy-writer.lock")  # empty files, not part of an index
@@ -57,9 +56,7 @@ def remove(root: Path, source: str) -> None:
     catalog = Catalog(root.absolute())
     for place in (Layout(one).index(source) for one in (catalog.workplace, catalog.cached)):
         (place / MANIFEST).unlink(missing_ok=True)  # from here on there is no index
-        shutil.rmtree(followed(place), ignore_errors=True)
-        if place.is_symlink():
-            place.unlink()
+        remove_folder(place)
 
 
 def remove_stale(root: Path, source: str) -> None:

@@ -20,7 +20,7 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -32,14 +32,16 @@ import msgspec
 
 from kb.core.sources import SOURCES
 from kb.store import damage
-from kb.store.artifact_registry import ARTIFACTS, MANIFEST, artifact_of, of_table
+from kb.store.artifact_registry import ARTIFACTS, MANIFEST, SUMS, artifact_of, of_table
 from kb.store.atomic import replacing_folder, write_bytes
 from kb.store.layout import Layout, parquet_files, rows_pattern
 from kb.store.rawlog import rawlog
+from kb.store.rawlog.raw_files import raw_files
 from kb.store.state import json_files
 from kb.store.tables import checksums, parquet
 from kb.store.tables.checksums import FileEntry
 from kb.store.tables.parquet import content_digest
+from kb.store.walk import files_below
 
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
 _ABSENT = 1_000  # of the names of shards that are not there
@@ -106,16 +108,20 @@ def replacing(
 
 
 def record(folder: Path, name: str) -> None:
-    """Write the manifest of a folder as it is now; of one that grows in place, such as scores.
+    """Write the manifest of a folder of Parquet files as it is now; of one that grows in place,
+    such as scores. What else lies there is nobody's promise.
 
     Remove the manifest before the files change. Raises DiskFull.
     """
-    write(folder / MANIFEST, describe(name, folder, Build(folder, {}, {})))
+    write(folder / MANIFEST, describe(name, folder, Build(folder, {}, {}), parquet_files(folder)))
 
 
-def describe(name: str, folder: Path, build: Build) -> Manifest:
-    """The manifest of what lies in a folder."""
-    files = {str(one.relative_to(folder)): one for one in _files(folder)}
+def describe(
+    name: str, folder: Path, build: Build, present: Sequence[Path] | None = None
+) -> Manifest:
+    """The manifest of what lies in a folder, or of these files of it."""
+    present = _files(folder) if present is None else present
+    files = {str(one.relative_to(folder)): one for one in present}
     with ThreadPoolExecutor(_THREADS) as pool:
         entries = dict(zip(files, pool.map(entry_of, files.values()), strict=True))
     return of(name, build.inputs, build.settings, entries, build.figures)
@@ -288,8 +294,8 @@ def input_digest(
         return _digest(
             f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
             f" {file.stat().st_size}"
-            for file in top.rglob("*.*")
-            if file.is_file() and not file.name.startswith(".") and file.parent.name not in samples
+            for file in raw_files(root, source, kind)
+            if file.name != SUMS and file.parent.name not in samples
         )
     artifact, find = ARTIFACTS[name], files or partial(rows, root)
     if artifact.every_file and (made := read(root, of)) is not None:
@@ -312,6 +318,6 @@ def _files(folder: Path) -> list[Path]:
     """Every file of an artifact but its manifest; hidden ones are on their way."""
     return [
         one
-        for one in sorted(folder.rglob("*"))
-        if one.is_file() and one.name != MANIFEST and not one.name.startswith(".")
+        for one in sorted(files_below(folder, strict=False))
+        if one.name != MANIFEST and not one.name.startswith(".")
     ]

@@ -3,8 +3,10 @@
     raw            answers and files, each once; an open segment as far as it can be read
     tombstones     of all roots, the oldest of each key
     state          what each machine has spent; notes of imported dumps; the key of authors
-    annotations    scores
+    annotations    scores, each once
+    labels         the newest answers of each person (kb.labels.imports)
 
+What was set aside as damaged, what killed commands left and what no command has written stays.
 Items and cursors are not copied: the next crawl reads the new segments into its state, as it does
 with its own after it was killed. Everything else is made again from these. Each file appears
 complete or not at all, so the same command resumes.
@@ -14,23 +16,24 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
 import msgspec
 
-from kb.artifacts import domain_binding
+from kb.artifacts import domain_binding, score_files
 from kb.artifacts.table_catalog import existing, is_root
 from kb.core.context import Run
 from kb.core.errors import OtherService, SettingError, WriterLocked
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
-from kb.store import leftovers, lock
-from kb.store.atomic import write_bytes, writing
+from kb.store import lock
+from kb.store.atomic import followed, write_bytes, writing
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
+from kb.store.rawlog.raw_files import RawKind, raw_files
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 
@@ -49,23 +52,25 @@ def merge(run: Run, others: Sequence[Path]) -> Summary:
         if pid := lock.another(root):
             raise WriterLocked(f"a process (pid {pid}) writes to {root}", hint="wait for its end")
     _check(run, roots)
+    # Links that can't be followed are found before anything is written.
+    files = {(root, source): _files(root, source) for root in roots for source in SOURCES}
     run.root.mkdir(parents=True, exist_ok=True)
     counts: Counter[str] = Counter()
     with domain_binding.writing(run, *SOURCES), full_disk_is_resumable(run.root):
         for source in SOURCES:
             for root in roots:
                 tombstones.unite(run.root, source, root)
-            purged, before = _begin_purge(run.root, source), counts["files"]
+            purged, before = _begin_purge(run.root, source), counts["files"] + counts["scores"]
             for root in sorted(roots, key=lambda root: _has_others(root, source)):
-                files = list(_files(root, source))
-                name = f"merge {source} of {root}"
-                with run.progress.task(name, total=len(files), unit="files") as task:
-                    for path in files:
+                there, name = files[root, source], f"merge {source} of {root}"
+                with run.progress.task(name, total=len(there), unit="files") as task:
+                    for path in there:
                         counts.update(_bring(path, root, run.root))
                         task.advance(1, copied=counts["files"])
                 _note(root, run.root, source)
                 counts["requests"] += _spent(root, run.root, source)
-            if purged and counts["files"] == before:  # nothing came that may hold it
+                counts["scores"] += score_files.bring(run.root, source, root)
+            if purged and counts["files"] + counts["scores"] == before:  # nothing may hold it
                 Layout(run.root).purge(source).unlink()
         domain_binding.note_if_stored(run.root, run.profile)
     return Summary(
@@ -75,6 +80,7 @@ def merge(run: Run, others: Sequence[Path]) -> Summary:
         present=counts["present"],
         bytes=counts["bytes"],
         requests=counts["requests"],
+        scores=counts["scores"],
         path=str(run.root),
     )
 
@@ -118,19 +124,13 @@ def _check(run: Run, roots: Sequence[Path]) -> None:
                 )
 
 
-def _files(root: Path, source: str) -> Iterator[Path]:
-    """What is brought over: captured files before the answers that name them."""
-    raw, own = Layout(root).raw(source), {"tombstones.parquet"}
-    paths = [path for path in sorted(raw.rglob("*")) if path.is_file() and path.name not in own]
-    paths = [path for path in paths if not leftovers.is_left(path.relative_to(root).parts)]
-    segments = [path for path in paths if path.name.endswith((rawlog.SUFFIX, rawlog.OPEN))]
-    answers = set(segments)
-    yield from (path for path in paths if path not in answers and ".damaged-" not in path.name)
-    yield from segments
-    for folder in (Layout(root).importing(source), Layout(root).annotations(source)):
-        for path in sorted(folder.rglob("*")):
-            if path.is_file() and not leftovers.is_left(path.relative_to(root).parts):
-                yield path
+def _files(root: Path, source: str) -> list[Path]:
+    """What is brought over: captured files before the answers that name them; tombstones and scores
+    are united by their rows.
+    """
+    captured = raw_files(root, source, of=(RawKind.CAPTURED, RawKind.KEY_MARK))
+    notes = sorted(Layout(root).importing(source).glob("*.json"))
+    return [*captured, *raw_files(root, source, of=(RawKind.SEGMENT,)), *notes]
 
 
 def _bring(path: Path, root: Path, home: Path) -> dict[str, int]:
@@ -144,8 +144,6 @@ def _bring(path: Path, root: Path, home: Path) -> dict[str, int]:
         size, place = frames.good, place.with_name(rawlog.base_name(path))
     if not size and path.suffix != ".sha256":
         return {"present": 1}
-    if place.relative_to(home).parts[0] == "annotations":
-        place = place.with_name(f"part-{_digest(path, size)[:12]}.parquet")
     there = next((one for one in (place, Path(f"{place}.open")) if one.exists()), None)
     if there is not None:
         known = there.stat().st_size
@@ -163,7 +161,7 @@ def _bring(path: Path, root: Path, home: Path) -> dict[str, int]:
                 return {"present": 1}
         place = there
     place.parent.mkdir(parents=True, exist_ok=True)
-    with writing(place) as temporary, path.open("rb") as old, temporary.open("wb") as new:
+    with writing(followed(place)) as temporary, path.open("rb") as old, temporary.open("wb") as new:
         left = size
         while left and (data := old.read(min(left, 1 << 20))):
             new.write(data)

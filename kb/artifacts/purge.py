@@ -47,6 +47,7 @@ from kb.store.state import json_files, tombstones
 from kb.store.state.frontier import Frontier
 from kb.store.state.tombstones import PERSON
 from kb.store.tables import partition
+from kb.store.walk import files_below
 
 
 class PurgeLine(msgspec.Struct):
@@ -379,9 +380,8 @@ def exports(purge: Purge) -> Iterator[PurgeLine]:
 
 def count_files(root: Path, folder: Path, what: str) -> Iterator[PurgeLine]:
     """A line for a folder that has files."""
-    yield PurgeLine(
-        str(folder.relative_to(root)), what, sum(path.is_file() for path in folder.rglob("*"))
-    )
+    count = sum(1 for _ in files_below(folder, root, strict=False))
+    yield PurgeLine(str(folder.relative_to(root)), what, count)
 
 
 def plan_summary(purge: Purge, lines: Iterable[PurgeLine]) -> Summary:

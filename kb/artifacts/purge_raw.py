@@ -15,7 +15,7 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.engine import make_executor, make_threads, map_in_order
 from kb.schema import answer_keys as schema
-from kb.store.atomic import writing
+from kb.store.atomic import followed, writing
 from kb.store.damage import open_file
 from kb.store.rawlog import damaged_answers, rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
@@ -118,6 +118,7 @@ def rewrite_segment(path: Path, changes: Iterable[tuple[int, int, Envelope | Non
     ]
     if not frames:
         return 0
+    path = followed(path)  # what a link leads to would keep the rest
     with writing(path) as temporary, open_file(path) as old, temporary.open("wb") as new:
         at = 0
         for start, end, frame in frames:

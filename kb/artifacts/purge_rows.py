@@ -46,7 +46,7 @@ class RowLocation(NamedTuple):
         flat = Path(self.folder).is_relative_to(BELOW.release())
         name = self.table.partition("/")[2]
         pattern = f"{name}-*.parquet" if flat else rows_pattern(self.table)
-        return sorted((root / self.folder).glob(pattern))
+        return parquet_files(root / self.folder, pattern)
 
     def values(self, keys: Collection[str]) -> pa.Array[Any]:
         """What the column contains for these keys."""

@@ -6,7 +6,6 @@ The folder is written anew and takes the old one's place whole, so nothing of an
 clean/: columns by `released`, whole tables (transcripts) as well.
 """
 
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -22,6 +21,7 @@ from kb.core.sources import PUBLISHED, SOURCES, made_by
 from kb.core.summary import Summary, vocabulary
 from kb.schema.tables import released_tables
 from kb.store.artifact_registry import ARTIFACTS
+from kb.store.atomic import remove_folder
 from kb.store.layout import Layout
 from kb.store.tables import shard_writer
 from kb.store.tables.checksums import FileEntry
@@ -75,8 +75,8 @@ def rebuild(run: Run, name: str, what: str, make: Callable[[Run], Any]) -> None:
     try:
         make(run)
     except (MissingExtra, ProfileError, FatalError) as error:
-        shutil.rmtree(folder)
-        shutil.rmtree(Layout(run.root).release(name), ignore_errors=True)
+        remove_folder(folder)
+        remove_folder(Layout(run.root).release(name))
         run.progress.say(f"the {what} were removed: {error}; `kb {name}` makes them again")
     else:
         export_again(run, name)

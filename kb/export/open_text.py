@@ -3,7 +3,6 @@ Commons, with what credit needs. Only where the profile asks for it (`[release] 
 The collector's own transcripts are left out.
 """
 
-import shutil
 from collections.abc import Iterator
 from contextlib import closing
 
@@ -15,6 +14,7 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.store.artifact_registry import ARTIFACTS
+from kb.store.atomic import remove_folder
 from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.tables import database, parquet
@@ -93,7 +93,7 @@ def _remove(run: Run) -> Summary:
     """Nothing that an earlier export wrote stays."""
     folder = Layout(run.root).release("open-text")
     if folder.exists():
-        shutil.rmtree(folder)
+        remove_folder(folder)
         run.progress.say(f"{NAME} was removed: the profile does not ask for it, or it has no rows")
     ARTIFACTS[NAME].manifest(run.root).unlink(missing_ok=True)
     return Summary(open_text=0)

@@ -67,11 +67,7 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
         rows = conform(LABELS, con.sql(_NEWEST).to_arrow_table())
         if not rows.equals(old):
             _write(run.root, rows)
-        con.register("labels", rows)
-        judged = set(rows["kind"].to_pylist())
-        section = {kind: figures(con, one) for kind, one in KINDS.items() if kind in judged}
-        if manifest.read(run.root, "pairs") is not None:
-            write_measure(run.root, SECTION, section)
+        section = _measured(con, run.root, rows)
     return Summary(
         command="label import",
         answers=len(answers),
@@ -83,6 +79,37 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
         figures=section,
         path=str(Layout(run.root).labels),
     )
+
+
+def unite(run: Run, others: Sequence[Path]) -> int:
+    """Add the answers of other data roots, of which the newest of a person about an item count; how
+    many rows are new. Those about purged videos stay away.
+
+    Raises WriterLocked, DamagedData, DiskFull.
+    """
+    none = table(LABELS).arrow().empty_table()
+    theirs = pa.concat_tables([none, *map(stored, others)])
+    if not theirs.num_rows:
+        return 0
+    with domain_binding.writing(run, "labels", "pairs"), database.connect(run.root) as con:
+        old = stored(run.root)
+        con.register("given", theirs)
+        con.register("old", old)
+        _register_purged(con, run.root)
+        con.execute(
+            "CREATE TEMP TABLE merged AS SELECT * FROM"
+            " (FROM old UNION ALL BY NAME FROM given) ANTI JOIN purged USING (video_id)"
+        )
+        rows = conform(LABELS, con.sql(_NEWEST).to_arrow_table())
+        if not rows.equals(old):
+            _write(run.root, rows)
+    if not rows.equals(old) and manifest.read(run.root, "pairs") is not None:
+        with domain_binding.writing(run, "labels", "pairs"), database.connect(run.root) as con:
+            con.register("given", none)
+            con.register("old", rows)
+            _judge(con, run.root)
+            _measured(con, run.root, rows)
+    return max(0, rows.num_rows - old.num_rows)
 
 
 def stored(root: Path) -> pa.Table:
@@ -122,11 +149,27 @@ def _judge(con: DuckDBPyConnection, root: Path) -> dict[str, int]:
                     f" {one.stratum} AS stratum, {begin} AS start_s, {end} AS end_s"
                     f" FROM {scan(files)} WHERE {where}"
                 )
-    purged = pa.array(sorted(tombstones.keys(root, VIDEOS)), pa.string())
-    con.register("purged", pa.table({"video_id": purged}))
+    _register_purged(con, root)
     con.execute(f"CREATE VIEW every AS {' UNION ALL '.join(selects)}")
     con.execute(_TABLES)
     return {name: int(con.execute(sql).fetchall()[0][0]) for name, sql in _COUNTED.items()}
+
+
+def _register_purged(con: DuckDBPyConnection, root: Path) -> None:
+    purged = pa.array(sorted(tombstones.keys(root, VIDEOS)), pa.string())
+    con.register("purged", pa.table({"video_id": purged}))
+
+
+def _measured(con: DuckDBPyConnection, root: Path, rows: pa.Table) -> dict[str, Any]:
+    """The figures of all labels by kind, written beside the pairs where there are some; after
+    `_judge`.
+    """
+    con.register("labels", rows)
+    judged = set(rows["kind"].to_pylist())
+    section = {kind: figures(con, one) for kind, one in KINDS.items() if kind in judged}
+    if manifest.read(root, "pairs") is not None:
+        write_measure(root, SECTION, section)
+    return section
 
 
 _TABLES = """

@@ -31,7 +31,7 @@ from kb.reddit.parse.answer_tree import PURGED, theirs, without_hashes
 from kb.reddit.parse.assemble import count_again
 from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.parse.remove_ids import crossposts_of, drop_hashes, drop_parents, strip
-from kb.store.layout import BELOW, Layout
+from kb.store.layout import BELOW, Layout, parquet_files
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
@@ -179,7 +179,7 @@ def repair(purge: Purge) -> None:
         thing = pc.list_element(pc.split_pattern(rows["key"].cast(pa.string()), "/"), 0)
         return cast("pa.Array[Any]", pc.invert(pc.is_in(thing, value_set=keys)))
 
-    for path in sorted(Layout(purge.root).clean("reddit", "failed").glob("*.parquet")):
+    for path in parquet_files(Layout(purge.root).clean("reddit", "failed")):
         keep_rows(path, "shared/failed", ["key"], is_kept)
     for base in BASES:
         count_again(purge.root / base)

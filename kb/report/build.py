@@ -8,7 +8,6 @@ import contextlib
 import importlib.util
 import itertools
 import re
-import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
@@ -47,7 +46,7 @@ from kb.look.headings import heading, plain, reading
 from kb.report.data import ReportData
 from kb.report.figures import FigureMaker
 from kb.schema import table
-from kb.store.atomic import replacing_folder
+from kb.store.atomic import remove_folder, replacing_folder
 from kb.store.layout import Layout
 from kb.store.state import demo_mark
 from kb.store.tables.reading import SANDBOX_MODEL, filtered
@@ -199,7 +198,7 @@ def report_again(run: Run) -> None:
     except (MissingExtra, FatalError) as error:
         if isinstance(error, DamagedData):
             raise
-        shutil.rmtree(place)
+        remove_folder(place)
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
-from kb.core.sources import PUBLISHED
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import remaining
 from kb.look.headings import reading as in_words
 from kb.schema import table, tables
@@ -194,10 +194,13 @@ class ReportData:
     def ledgers(self) -> list[tuple[str, str, str, int, int]]:
         """(source, day, bucket, requests, units) of every source that keeps a ledger, by day."""
         ledger: dict[tuple[str, str, str], list[int]] = {}
-        for path in sorted(Layout(self.root).state_folder().glob("*.sqlite")):
+        for source in SOURCES:
+            path = Layout(self.root).state(source)
+            if not path.is_file():
+                continue
             with state(path) as frontier:
                 for day, bucket, _, requests, units in frontier.ledger():
-                    entry = ledger.setdefault((path.stem, day, bucket), [0, 0])
+                    entry = ledger.setdefault((source, day, bucket), [0, 0])
                     entry[0] += requests
                     entry[1] += units or 0
         return [(*key, sums[0], sums[1]) for key, sums in sorted(ledger.items())]

@@ -144,8 +144,16 @@ def settle_folder(path: Path) -> None:
 
 
 def followed(path: Path) -> Path:
-    """Where a folder is: on another disk, say, with a link in its place."""
+    """Where a folder or file is: on another disk, say, with a link in its place."""
     return path.resolve() if path.is_symlink() else path
+
+
+def remove_folder(path: Path) -> None:
+    """Remove a folder with what is in it, if it is there; of a link to one, both."""
+    if path.exists():
+        shutil.rmtree(followed(path))
+    if path.is_symlink():
+        path.unlink()
 
 
 def _fresh(path: Path) -> Path:

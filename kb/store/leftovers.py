@@ -5,7 +5,6 @@ clears them from the folders that the lock protects, and removes what queries of
 spilled. A folder whose replacement was interrupted comes back.
 """
 
-import os
 import re
 import shutil
 from collections.abc import Iterable
@@ -15,6 +14,7 @@ from kb.store import atomic
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import followed, settle_folder
 from kb.store.layout import Layout
+from kb.store.walk import walk
 
 SPILL = ".duckdb"  # and the process: what DuckDB spilled (kb.store.tables.database)
 PART = ".part"  # of a segment or download that is not complete: `.NAME.part`
@@ -60,8 +60,7 @@ def sweep(root: Path, name: str) -> None:
     for path in folders:
         for place in dict.fromkeys((path, followed(path))):
             _remove_temporary(place)
-            if place.is_dir() and not place.is_symlink():
-                _remove_temporary_below(place)
+        _remove_temporary_below(path, root)
 
 
 def _remove_temporary(path: Path) -> None:
@@ -88,17 +87,19 @@ def remove_temporary(path: Path) -> None:
             _clear(entry)
 
 
-def _remove_temporary_below(folder: Path) -> None:
-    for where, folders, files in os.walk(folder):
-        _spilled(Path(where))
-        for name in files:
-            published = name.endswith(PART) and Path(where, name[1 : -len(PART)]).exists()
+def _remove_temporary_below(folder: Path, root: Path) -> None:
+    # Raw data that can't be reached are no empty folder; all else is made of what can.
+    strict = folder.is_relative_to(Layout(root).raw())
+    for where, folders, others in walk(folder, root, strict=strict):
+        _spilled(where)
+        for name in (entry.name for entry in others):
+            published = name.endswith(PART) and (where / name[1 : -len(PART)]).exists()
             if published or _FILE.fullmatch(name) or name.endswith(".lease"):
-                Path(where, name).unlink(missing_ok=True)
-        for name in sorted(folders):
+                (where / name).unlink(missing_ok=True)
+        for name in folders:
             if _FOLDER.fullmatch(name):
-                _clear(Path(where, name))
-        folders[:] = [name for name in folders if Path(where, name).is_dir()]
+                _clear(where / name)
+        folders[:] = [name for name in folders if (where / name).is_dir()]
 
 
 def _clear(entry: Path) -> None:

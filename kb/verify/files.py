@@ -16,7 +16,8 @@ from kb.store import leftovers
 from kb.store.artifact_registry import MANIFEST, Artifact, artifact_of
 from kb.store.damage import remedy
 from kb.store.layout import Layout
-from kb.store.rawlog import rawlog, sidefiles
+from kb.store.rawlog import sidefiles
+from kb.store.rawlog.raw_files import RawKind, kind_of
 from kb.store.state import demo_mark
 from kb.store.tables import checksums
 from kb.store.tables.reading import broken
@@ -77,7 +78,10 @@ class FileVerifier:
     def _file(self, path: Path, parts: tuple[str, ...]) -> None:
         findings = self._findings
         if path.is_symlink() and not path.exists():
-            findings.foreign("other", path, "is a link that leads nowhere", "remove it")
+            hint = "mount the disk that it leads to, or remove it"
+            findings.foreign("other", path, "is a link that leads nowhere", hint)
+        elif path.is_symlink() and path.is_dir():  # others are walked through
+            findings.foreign("other", path, "is a link back into the data root", "remove it")
         elif leftovers.is_left(parts):
             hint = "run `kb verify --repair` or the next command on this folder, which removes it"
             findings.foreign("leftovers", path, "is a temporary file", hint)
@@ -98,23 +102,25 @@ class FileVerifier:
             self._foreign(parts[0] if parts[0] in KINDS else "other", path)
 
     def _raw(self, path: Path, parts: tuple[str, ...]) -> None:
-        findings, known = self._findings, parts[1] in SOURCES
-        if known and len(parts) == 3 and path.name.startswith("tombstones"):
-            self._checked("tombstones", path)
-        elif known and len(parts) == 3 and path.match("key-*.sha256"):
-            findings.intact("state", path)
-        elif known and len(parts) == 4 and path.name.endswith((rawlog.SUFFIX, rawlog.OPEN)):
-            self._segments[parts[1]].file(path)
-        elif known and len(parts) == 4 and f"{rawlog.SUFFIX}.damaged-" in path.name:
-            findings.advance(path.stat().st_size)
-            findings.intact("set aside", path)
-        elif known and len(parts) > 2 and parts[2] in SOURCES[parts[1]].files:
-            if path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
+        findings = self._findings
+        match kind_of(parts[1], Path(*parts[2:])):
+            case RawKind.TOMBSTONES:
+                self._checked("tombstones", path)
+            case RawKind.KEY_MARK:
+                findings.intact("state", path)
+            case RawKind.SEGMENT:
+                self._segments[parts[1]].file(path)
+            case RawKind.SET_ASIDE:
+                findings.advance(path.stat().st_size)
                 findings.intact("set aside", path)
-            else:
+            case RawKind.CAPTURED:
                 raw.side_file(findings, path)
-        else:
-            self._foreign("raw answers", path, "no crawl or import has written it")
+            case RawKind.FOREIGN:
+                of = SOURCES[parts[1]].files if parts[1] in SOURCES else ()
+                kind = (
+                    raw.captured_kind(path) if len(parts) > 2 and parts[2] in of else "raw answers"
+                )
+                self._foreign(kind, path, "no crawl or import has written it")
 
     def _state(self, path: Path, parts: tuple[str, ...]) -> None:
         if path.suffix == ".sqlite" and len(parts) == 2:

@@ -10,14 +10,11 @@ import zstandard
 
 from kb.core.errors import DamagedData, FatalError
 from kb.core.regular_file import read_regular
-from kb.store.artifact_registry import SUMS
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.rawlog import damaged_answers, rawlog, sidefiles
 from kb.store.state.crawl_state import REBUILT
 from kb.store.tables import reading
 from kb.verify.findings import Findings
-
-_CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
 
 
 class _Extraction(msgspec.Struct):
@@ -100,24 +97,26 @@ def state(findings: Findings, path: Path) -> None:
     findings.checked("state", path, what, REBUILT)
 
 
+def captured_kind(path: Path) -> str:
+    """Whether a file lies among images or captured pages."""
+    return "images" if path.parent.name == "images" else "captures"
+
+
 def side_file(findings: Findings, path: Path) -> None:
     """A captured page's file or an image, by what it should be."""
-    kind = "images" if path.parent.name == "images" else "captures"
-    if path.name == SUMS or path.name in _CAPTURE or sidefiles.expected(path):
-        if sidefiles.is_intact(path, advance=findings.advance) and _unpacks(path):
-            findings.intact(kind, path)
-        else:
-            what = "is not what was stored" if path.stat().st_size else "is empty"
-            findings.damaged(kind, path, what, _refetch_hint())
+    kind = captured_kind(path)
+    if sidefiles.is_intact(path, advance=findings.advance) and _unpacks(path):
+        findings.intact(kind, path)
     else:
-        findings.foreign(kind, path, "no crawl has written it", "move it away")
+        what = "is not what was stored" if path.stat().st_size else "is empty"
+        findings.damaged(kind, path, what, _refetch_hint())
 
 
 def lost_side_files(findings: Findings, root: Path) -> None:
     """Add missing pages and images that raw answers refer to."""
     pages, images = _named(root)
     for folder in pages.values():
-        names = sidefiles.sums(root / folder) or dict.fromkeys(_CAPTURE)
+        names = sidefiles.sums(root / folder) or dict.fromkeys(sidefiles.CAPTURE)
         for name in sorted(names):
             if not (root / folder / name).is_file():
                 findings.missing("captures", root / folder / name, _refetch_hint())

@@ -7,7 +7,6 @@ Findings that another process caused by writing at the same time are dropped.
 import contextlib
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
@@ -27,6 +26,7 @@ from kb.store.damage import DOWNLOAD, read_small, remedy, short_lines
 from kb.store.layout import VERDICTS, Layout, parquet_files
 from kb.store.tables import checksums, database
 from kb.store.tables.reading import scan
+from kb.store.walk import walk
 from kb.verify import raw
 from kb.verify.files import NEIGHBOURS, FileVerifier, problem
 from kb.verify.findings import Findings
@@ -259,7 +259,10 @@ def verify(folder: Path, progress: Progress) -> Findings:
     if not is_root(folder) and not catalog.releases:
         raise empty(folder)
     busy = Busy(folder)  # before the list: what was on its way in it may be finished at once
-    files = list(_files(folder))
+    if is_root(folder):
+        files = list(_files(folder))
+    else:  # a stranger's links are not followed
+        files = [file for one in catalog.releases for file in release_folder.entries(one.path)]
     size = sum(map(_size, files))
     with progress.task(f"verify {folder.name}", total=size, unit="bytes") as task:
         read = 0
@@ -313,15 +316,8 @@ def _size(path: Path) -> int:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """Every file below a folder, through links to folders too, each place once."""
-    seen = set()
-    for where, folders, names in os.walk(folder, followlinks=True):
-        real = os.path.realpath(where)
-        if real in seen:
-            folders.clear()
-            continue
-        seen.add(real)
-        if Path(where) == folder:
+    """Every file below a folder, and links that can't be followed."""
+    for where, folders, others in walk(folder, strict=False):
+        if where == folder:
             folders[:] = [name for name in folders if name not in NEIGHBOURS]
-        folders.sort()
-        yield from (Path(where, name) for name in sorted(names))
+        yield from (Path(entry.path) for entry in others)

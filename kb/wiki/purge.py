@@ -1,14 +1,13 @@
 """Rules of a purge for the wiki: how a page leaves answers, captures and images."""
 
 import hashlib
-import shutil
 from collections.abc import Collection
 
 from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_named import KNOWN, NAMED, UNKNOWN
 from kb.artifacts.purge_raw import Names
 from kb.artifacts.purge_rows import location_of, shared_locations
-from kb.store.layout import BELOW, Layout
+from kb.store.layout import BELOW
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.rawlog.sidefiles import is_captured_path
 from kb.store.state import tombstones
@@ -89,11 +88,9 @@ def names(purge: Purge) -> Names:
             frontier.remove("info", asked)
             frontier.remove("files", addresses)
         for path in sorted(paths[True] - paths[False]):
-            if is_captured_path(root, path):  # a crawl wrote no other
-                (root / path).unlink(missing_ok=True)
-                sidefiles.quarantine_path(root / path).unlink(missing_ok=True)
+            sidefiles.remove_image(root, path)
         for key in filter(str.isdigit, keys):
-            shutil.rmtree(Layout(root).captures / key, ignore_errors=True)
+            sidefiles.remove_page(root, key)
     return {"title": titles, "file": files, "address": addresses}
 
 

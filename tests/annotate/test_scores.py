@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from kb.annotate.scores import Scores, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
-from kb.artifacts import manifest
+from kb.artifacts import manifest, score_files
 from kb.artifacts.purge_rows import drop_annotations
 from kb.core.errors import DamagedData
 
@@ -26,7 +26,7 @@ def scores(tmp_path: Path) -> Scores:
     folder.mkdir(parents=True)
     made = Scores(str(folder), "original", "0123456789abcdef")
     made.write([HASH], [[0.5]], ["fp32"], ["toxicity"])
-    made.merge()
+    score_files.unite(folder)
     made.write([HASH], [[0.5]], ["fp32"], ["toxicity"])
     return made
 
@@ -38,7 +38,11 @@ def test_a_damaged_file_of_scores_is_named(scores: Scores, name: str, how: str) 
     data = path.read_bytes()
     path.write_bytes({"empty": b"", "cut": data[:-20], "other": b"no scores" * 20}[how])
     hashes = pa.array([HASH])
-    for use in (lambda: scores.lookup(hashes), scores.precisions, scores.merge):
+    for use in (
+        lambda: scores.lookup(hashes),
+        scores.precisions,
+        lambda: score_files.unite(path.parent),
+    ):
         with pytest.raises(DamagedData, match=f"{path} can't be read") as error:
             use()
         assert "remove it, then run `kb youtube filter`" in error.value.hint

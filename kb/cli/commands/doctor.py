@@ -155,23 +155,50 @@ def _root(run: Run) -> Iterator[Line]:
         yield NOTE, what, where, "a network's file system: one machine may write to it at a time"
     else:
         yield OK, what, where, ""
-    free = shutil.disk_usage(place).free
-    needed, sources = 0.0, []
+    yield from _links(run)
+    yield from _disks(run, place)
+
+
+def _links(run: Run) -> Iterator[Line]:
+    """Links below raw/ to folders that can't be reached, or that lead back into the data root."""
+    from kb.store.layout import Layout
+    from kb.store.walk import walk
+
+    try:
+        for _ in walk(Layout(run.root).raw(), run.root):
+            pass
+    except DamagedData as error:
+        yield PROBLEM, "links", str(error), error.hint
+
+
+def _disks(run: Run, place: Path) -> Iterator[Line]:
+    """Free space of each disk that raw data go to, against what crawls need."""
+    disks: dict[int, tuple[Path, list[tuple[str, float]]]] = {place.stat().st_dev: (place, [])}
     for source, gb in _planned(run):
-        needed += gb * 1e9
-        sources.append(f"{source} {gb:.1f} GB")
-    plan = f"{terminal.size(free)} free"
-    plan += f"; crawls need about {terminal.size(int(needed))} ({', '.join(sources)})"
-    if needed > free:
+        there = _written_to(run, source)
+        disks.setdefault(there.stat().st_dev, (there, []))[1].append((source, gb))
+    for there, planned in disks.values():
+        free, needed = shutil.disk_usage(there).free, sum(gb * 1e9 for _, gb in planned)
+        told = f"{terminal.size(free)} free" + (f" at {there}" if there != place else "")
+        if planned:
+            crawls = ", ".join(f"{source} {gb:.1f} GB" for source, gb in planned)
+            told += f"; crawls need about {terminal.size(int(needed))} ({crawls})"
         fix = "free some, or take another --data"
-        yield PROBLEM, "disk", plan, fix
-    else:
-        yield OK, "disk", plan if sources else f"{terminal.size(free)} free", ""
+        yield (PROBLEM, "disk", told, fix) if needed > free else (OK, "disk", told, "")
+
+
+def _written_to(run: Run, source: str) -> Path:
+    """Where a crawl writes most of its data: links may lead to another disk."""
+    from kb.store.layout import CAPTURED, Layout
+
+    at = Layout(run.root)
+    place = at.captures if source == CAPTURED else at.raw(source)
+    return next(one for one in (place, *place.parents) if one.exists()).resolve()
 
 
 def warn_of_space(run: Run, source: str) -> None:
     """Say in one line that a crawl may need more than is free; `--limit` asks for less anyway."""
-    place = next(one for one in (run.root, *run.root.parents) if one.exists())
+    place = _written_to(run, source)
     free = shutil.disk_usage(place).free
     needed = next((gb * 1e9 for one, gb in _planned(run) if one == source), 0)
     if needed > free and run.limit is None:
@@ -212,11 +239,12 @@ def _file_system(place: Path) -> str:
 
 def _clock(run: Run) -> Iterator[Line]:
     """Whether the clock is behind the newest file. (With `--online` certificates tell as well.)"""
-    from kb.store.layout import Layout
+    from kb.store.rawlog import rawlog
 
     now = datetime.now(UTC)
-    written = [Path(__file__), *Layout(run.root).raw().glob("*/*/*.zst")]
-    newest = datetime.fromtimestamp(max(path.stat().st_mtime for path in written), UTC)
+    written = [Path(__file__)]
+    written += [path for source in SOURCES for path in rawlog.all_segments(run.root, source)]
+    newest = datetime.fromtimestamp(max(path.lstat().st_mtime for path in written), UTC)
     shown = now.strftime("%Y-%m-%d %H:%M:%S UTC")
     if (newest - now).total_seconds() > 60:
         fix = f"set it: a file is from {newest:%Y-%m-%d %H:%M:%S}, and quotas are counted by day"

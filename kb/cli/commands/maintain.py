@@ -264,7 +264,7 @@ merge_app = group("Bring the data roots of several machines into one.")
 @command(
     merge_app,
     raw=True,
-    json="folders, files, present, bytes, requests, path",
+    json="folders, files, present, bytes, requests, scores, labels, path",
     examples=[
         "kb merge part-1 part-2 part-3 --data data    after crawls with --part on three machines",
         "kb merge /mnt/other/data                     what another machine has collected since",
@@ -276,7 +276,7 @@ def merge(
         list[Path], typer.Argument(metavar="ROOT...", help="Data roots to read; they stay as is.")
     ],
 ) -> Summary:
-    """Bring raw answers, tombstones, scores and what was spent into the data root of --data.
+    """Bring raw answers, tombstones, scores, labels and what was spent into the root of --data.
 
     Each answer and file is there once, whatever was merged before; after an interruption the same
     command resumes. The next crawl takes the answers into its state, and `kb SOURCE filter` reads
@@ -284,6 +284,7 @@ def merge(
     another profile, host or key of authors are refused.
     """
     from kb.artifacts import domain_binding, merge_roots
+    from kb.labels import imports
     from kb.store.layout import Layout
 
     run = options.make_run(needs="root")
@@ -292,6 +293,7 @@ def merge(
         named = (bound.file or bound.name) if bound else None
         run = replace(options, profile=named).make_run()
     summary = merge_roots.merge(run, roots)
+    summary["labels"] = imports.unite(run, roots)
     for source in SOURCES:
         if Layout(run.root).purge(source).exists() and getattr(run.profile, source) is not None:
             pipeline(run, "purge").purge(run, source, None)

@@ -4,14 +4,15 @@ stops a running crawl.
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.artifacts import freshness
+from kb.artifacts.release_folder import entries
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
 from kb.core import clock
@@ -21,9 +22,10 @@ from kb.core.summary import vocabulary
 from kb.crawl.job import STOPPED
 from kb.schema.tables import tables as declared
 from kb.store import lock
-from kb.store.layout import TOP, Layout, parquet_files
+from kb.store.layout import TOP, VERDICTS, Layout, parquet_files
 from kb.store.tables import parquet, reading
 from kb.store.tables.row_counts import rows, span, tally
+from kb.store.walk import files_below
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -68,10 +70,14 @@ def overview(run: Run) -> dict[str, Any]:
     if run.profile.path != Path() and not catalog.is_download:
         outdated = freshness.plan(run, freshness.graph(run))
         stale = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
-    folders = [one.path for one in catalog.releases] if catalog.is_download else []
-    if not folders:
+    if catalog.is_download and catalog.releases:  # of which no link is followed
+        disk = {
+            one.path.name: sum(file.lstat().st_size for file in entries(one.path))
+            for one in catalog.releases
+        }
+    else:
         folders = [run.root / name for name in (*TOP, "demo") if (run.root / name).is_dir()]
-    disk = {path.name: _size(path) for path in folders}
+        disk = {path.name: _size(path) for path in folders}
     collected = any(about["rows"] or about["phases"] for about in sources.values())
     return {
         "data": str(run.root),
@@ -97,8 +103,9 @@ def overview(run: Run) -> dict[str, Any]:
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     """Progress, quota, age and rows of a source; empty without data of it."""
     of, state = SOURCES[source], Layout(run.root).state(source)
-    clean = sorted(Layout(run.root).clean(source).glob("*/"))
-    tables = _in_order({one.name: rows(one) for one in clean if parquet_files(one)})
+    own = (one.short for one in declared().values() if one.source == source)
+    clean = {one: Layout(run.root).clean(source, one) for one in (*own, *VERDICTS)}
+    tables = _in_order({one: rows(path) for one, path in clean.items() if parquet_files(path)})
     released, restored = (_schema_rows(catalog, one, source) for one in ("release", "restored"))
     if not (state.exists() or tables or released or restored):
         return {}
@@ -209,13 +216,7 @@ def _in_order(counts: Mapping[str, int]) -> dict[str, int]:
 def _size(folder: Path) -> int:
     """Bytes of all files in a folder; files that vanish meanwhile are not counted."""
     total = 0
-    try:
-        with os.scandir(folder) as entries:
-            for entry in entries:
-                if entry.is_dir(follow_symlinks=False):
-                    total += _size(Path(entry.path))
-                elif entry.is_file(follow_symlinks=False):
-                    total += entry.stat(follow_symlinks=False).st_size
-    except FileNotFoundError:
-        pass
+    for path in files_below(folder, strict=False):
+        with suppress(FileNotFoundError):
+            total += path.stat().st_size
     return total

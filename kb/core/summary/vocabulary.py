@@ -217,6 +217,7 @@ WORDS: dict[str, Word] = {
     "rejected_tasks": Word("Tasks that were rejected.", "{n} rejected", always=True),
     "reworded_tasks": Word("Tasks that got a better wording.", "{n} reworded", always=True),
     "labels": Word("Answers in labels/ now.", "{n} labels in all"),
+    "merge.labels": Word("Answers of people that were new.", "{n} labels"),
     "skipped": Word("Judgements that people skipped or left empty.", "{n} skipped"),
     "undefined": Word(
         "Answers to other questions, with other options, or that end before they begin.",
@@ -242,6 +243,7 @@ WORDS: dict[str, Word] = {
     "merge.files": Word("Files that were copied.", "{n} files", always=True),
     "merge.requests": Word("Requests of other machines that were added.", "{n} requests"),
     "rows": Word("Rows of tables.", "{n} rows"),
+    "merge.scores": Word("Scores that were new.", "{n} scores"),
     "scores": Word("Scores removed because no text needs them any more.", "{n} scores"),
     "purged": Word("Items removed for good.", "{n} removed for good", always=True),
     "purge --plan.purged": Word("Items that a purge would remove.", "{n} to remove", always=True),

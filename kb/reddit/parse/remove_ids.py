@@ -22,6 +22,7 @@ from kb.reddit.parse import answer_tree
 from kb.reddit.parse.answer_tree import PURGED, theirs
 from kb.schema import raw
 from kb.schema.answer_keys import asked
+from kb.store.layout import parquet_files
 from kb.store.rawlog.rawlog import Envelope, Request
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
@@ -249,7 +250,7 @@ def _rewrite(
     a row; how many rows that are.
     """
     changed = 0
-    for path in sorted(folder.glob("*.parquet")):
+    for path in parquet_files(folder):
         with reading([path]), parquet.open_file(path) as file:
             hits = sum(hit(batch).true_count for batch in file.iter_batches(columns=columns))
             if not hits:

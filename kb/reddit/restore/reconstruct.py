@@ -215,7 +215,7 @@ def reconstruct(
 def rows(out: Path) -> Iterator[Post | Comment | Missing]:
     """The rows of a finished reconstruction."""
     for name, make in (("posts", Post), ("comments", Comment)):
-        for path in sorted((out / name).glob("*.parquet")):
+        for path in parquet_files(out / name):
             with parquet.open_file(path) as file:
                 for batch in file.iter_batches(8_192, columns=list(make._fields)):
                     yield from (make(**row) for row in batch.to_pylist())

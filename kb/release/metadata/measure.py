@@ -21,6 +21,7 @@ from kb.release.gate.contents import personal_counts
 from kb.schema import Column, Table, released_tables
 from kb.schema.tables import tables
 from kb.store.layout import VERDICTS, Layout, parquet_files
+from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.store.tables import database, parquet
 from kb.store.tables.checksums import digest
@@ -247,7 +248,7 @@ def _ways(con: DuckDBPyConnection, root: Path, source: str) -> Iterator[Way]:
         return
     for name, recorded in of.ways.items():
         if recorded.raw:
-            answers = any(at.raw(source, recorded.raw).glob("*.ndjson.zst*"))
+            answers = bool(rawlog.segments(root, source, recorded.raw))
             if answers == recorded.absent or not at.raw(source).is_dir():
                 continue
         counts, known, undated = [], [], 0

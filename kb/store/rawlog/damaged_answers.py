@@ -18,7 +18,7 @@ from typing import BinaryIO
 import msgspec
 
 from kb.core.errors import DamagedData
-from kb.store.atomic import write_bytes, writing
+from kb.store.atomic import followed, write_bytes, writing
 from kb.store.damage import open_file
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
@@ -326,7 +326,7 @@ def move_out(path: Path, stretches: Sequence[tuple[int, int, str]]) -> None:
         for start, end, name in stretches:
             file.seek(start)
             write_bytes(path.with_name(name), file.read(end - start))
-        with writing(path) as temporary, temporary.open("wb") as fresh:
+        with writing(followed(path)) as temporary, temporary.open("wb") as fresh:
             at = 0
             for start, end, _ in stretches:
                 copy(file, fresh, at, start)

@@ -27,6 +27,7 @@ from kb.store.atomic import append, sync_folder
 from kb.store.damage import open_file
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import Layout
+from kb.store.walk import walk
 
 SUFFIX = ".ndjson.zst"
 OPEN = SUFFIX + ".open"
@@ -167,8 +168,8 @@ def folder(root: Path, source: str, kind: str) -> Path:
 
 def kinds(root: Path, source: str) -> list[str]:
     """The kinds of answers that a source has on disk."""
-    base = Layout(root).raw(source)
-    return sorted(path.name for path in base.iterdir() if path.is_dir()) if base.is_dir() else []
+    _, folders, _ = next(walk(Layout(root).raw(source), root, strict=False), (root, [], []))
+    return [name for name in folders if not name.startswith(".")]
 
 
 def segments(root: Path, source: str, kind: str) -> list[Path]:
@@ -177,7 +178,8 @@ def segments(root: Path, source: str, kind: str) -> list[Path]:
     if not base.is_dir():
         return []
     paths = (path for path in base.iterdir() if path.name.endswith((SUFFIX, OPEN)))
-    return sorted(paths, key=base_name)
+    # Hidden ones are on their way, or macOS's ._NAME beside NAME.
+    return sorted((path for path in paths if not path.name.startswith(".")), key=base_name)
 
 
 def all_segments(root: Path, source: str) -> list[Path]:

@@ -10,6 +10,7 @@ A reader that finds one changed notes it, without any lock; the next crawl sets 
 import fcntl
 import os
 import re
+import shutil
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
@@ -20,9 +21,18 @@ from kb.store.atomic import append, sync_folder, write_bytes
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.tables.checksums import digest, listed, parsed
+from kb.store.walk import files_below
 
 QUARANTINE_SUFFIX = ".damaged"
+CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
+"""The files of a captured page, beside SHA256SUMS."""
+
 _NAMED = re.compile(r"([0-9a-f]{64})\.[a-z0-9]+")
+
+
+def is_captured_name(name: str) -> bool:
+    """Whether a crawl gives this name to a captured page's file or an image."""
+    return name in CAPTURE or name == SUMS or _NAMED.fullmatch(name) is not None
 
 
 def write_sums(folder: Path) -> None:
@@ -130,8 +140,21 @@ def _list(root: Path, source: str) -> Path:
 
 
 def is_captured_path(root: Path, path: str) -> bool:
-    """Whether `path`, relative to the data root, resolves to a place in raw/wiki."""
-    return (root / path).resolve().is_relative_to(Layout(root).raw(CAPTURED).resolve())
+    """Whether `path`, relative to the data root, names a place in raw/wiki that a crawl wrote.
+
+    Folders in it may be links to another disk. A file that is then elsewhere has to be what its
+    digest describes, so that no link shows another file.
+    """
+    place = root / path
+    if place.resolve().is_relative_to(Layout(root).raw(CAPTURED).resolve()):
+        return True
+    if not _names_captured(path):
+        return False
+    return place.is_dir() or (expected(place) is not None and is_intact(place))
+
+
+def _names_captured(path: str) -> bool:
+    return ".." not in Path(path).parts and Path(path).is_relative_to(BELOW.raw(CAPTURED))
 
 
 def captured_path(root: Path, path: str) -> Path:
@@ -142,3 +165,38 @@ def captured_path(root: Path, path: str) -> Path:
             hint="those raw files are not from a crawl: move them away",
         )
     return root / path
+
+
+def remove_image(root: Path, path: str) -> None:
+    """Remove an image that a crawl stored, if it is there, what was set aside of it, and what a
+    link in its place leads to.
+    """
+    place = root / path
+    is_named = _names_captured(path) and _NAMED.fullmatch(place.name)  # damaged, on another disk
+    if not is_named and not is_captured_path(root, path):  # no crawl wrote it
+        return
+    _remove(place)
+    quarantine_path(place).unlink(missing_ok=True)
+
+
+def remove_page(root: Path, key: str) -> None:
+    """Remove the captures of a page, also where links lead to their folders on another disk."""
+    page = Layout(root).captures / key
+    captured = [
+        path
+        for path in files_below(page, strict=False)
+        if is_captured_name(path.name.removesuffix(QUARANTINE_SUFFIX))
+    ]
+    for path in sorted(captured, key=lambda path: path.name == SUMS):  # which describes the others
+        _remove(path)
+    if page.is_symlink():
+        page.unlink()
+    else:
+        shutil.rmtree(page, ignore_errors=True)
+
+
+def _remove(path: Path) -> None:
+    """Remove a captured file; of a link to one, both, but nobody else's file."""
+    if path.is_symlink() and expected(path) is not None and is_intact(path):
+        path.resolve().unlink()
+    path.unlink(missing_ok=True)

@@ -32,6 +32,7 @@ from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.net.session import Note
 from kb.store.layout import Layout
+from kb.store.rawlog.raw_files import raw_files
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
@@ -358,8 +359,7 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     each = known_files / done if done else IMAGES_A_PAGE
     size = MB_A_PAGE / 1e3
     if done:
-        raw = Layout(run.root).raw("wiki").rglob("*")
-        size = sum(path.stat().st_size for path in raw if path.is_file()) / done / 1e9
+        size = sum(path.stat().st_size for path in raw_files(run.root, "wiki")) / done / 1e9
     if pages and not done:
         assumed += [f"{IMAGES_A_PAGE} image files and {MB_A_PAGE} MB a page"]
     files = to_read(kinds, "files") + round(pages * each)
