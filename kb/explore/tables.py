@@ -13,11 +13,11 @@ from typing import Any
 
 import duckdb
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb.artifacts.table_catalog import Catalog, View, bare
 from kb.core.errors import UsageError
 from kb.query.views import connect
+from kb.store.tables import parquet
 from kb.store.tables.reading import reading
 
 
@@ -40,13 +40,13 @@ class CurrentTables:
         """The columns of a table. Raises KeyError, DamagedData."""
         first = self.view(name).files[0]
         with reading([first]):
-            return frozenset(pq.read_schema(first).names)
+            return frozenset(parquet.names(first))
 
     def count(self, name: str) -> int:
         """The rows of a table, 0 of one that is not there. Raises DamagedData."""
         files = self.view(name).files if name in self else []
         with reading(files):
-            return sum(pq.read_metadata(path).num_rows for path in files)
+            return sum(parquet.footer(path).num_rows for path in files)
 
     @contextmanager
     def asked(self, *names: str) -> Iterator[duckdb.DuckDBPyConnection]:

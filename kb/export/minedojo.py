@@ -350,7 +350,7 @@ def _copy(root: Path, path: str, target: Path) -> None:
     file = captured_path(root, path)
     if not sidefiles.is_intact(file):
         raise sidefiles.lost(root, CAPTURED, [file])
-    shutil.copyfile(file, target)
+    target.write_bytes(sidefiles.read_captured(root, path))
 
 
 def _crop(screenshot: Path, where: list[float | int], target: Path) -> None:

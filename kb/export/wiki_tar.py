@@ -135,12 +135,13 @@ def _images(root: Path, lost: set[Path]) -> Iterator[Sample]:
 
 
 def _sample(name: str, file: Path, about: dict[str, Any], lost: set[Path]) -> Sample:
-    """What goes into a tar; a file that is missing or empty is added to `lost`."""
+    """What goes into a tar; a file that is missing or empty, or a link
+    to one elsewhere that nothing describes, is added to `lost`."""
     size = file.stat().st_size if file.is_file() else 0
-    if not size:
+    ending, sha256 = file.suffix.removeprefix("."), sidefiles.expected(file)
+    if not size or (sha256 is None and sidefiles.leads_out(file)):
         lost.add(file)
     text = json.dumps(about, ensure_ascii=False, sort_keys=True).encode()
-    ending, sha256 = file.suffix.removeprefix("."), sidefiles.expected(file)
     return Sample(name, ending, file, size, text, sha256)
 
 

@@ -82,7 +82,7 @@ class TextRestore:
         """As `RestoreJob.plan`. Raises DamagedData."""
         files = [path for one in self.content.of("pairs") for path in one.shards("pairs")]
         with reading(files):
-            rows = sum(pq.read_metadata(path).num_rows for path in files)
+            rows = sum(parquet.footer(path).num_rows for path in files)
         return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)] * self.wanted)
 
     def restore(self) -> Summary:

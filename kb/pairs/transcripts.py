@@ -9,7 +9,6 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.artifacts import manifest
 from kb.core.config.profile.collecting import TOPIC_KNOWN
@@ -48,7 +47,7 @@ def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) 
 def rows(path: Path) -> int:
     """Transcripts in a file."""
     with reading([path]):
-        return int(pq.read_metadata(path).num_rows)
+        return int(parquet.footer(path).num_rows)
 
 
 def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text]:

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 import duckdb
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb import query
 from kb.artifacts.release_folder import read_tombstones
@@ -26,6 +25,7 @@ from kb.core.installation import ds
 from kb.query.remote_duckdb import reading_views
 from kb.reader import html
 from kb.store.tables import parquet
+from kb.store.tables.checksums import library_path
 from kb.store.tables.reading import reading
 from kb.store.tables.remote_files import first_rows, parquet_dataset, reading_at
 
@@ -169,7 +169,7 @@ class TableView(RowSet):
             if self._is_list:
                 return ds.dataset(read_tombstones(self.view.files[0]))
             parquet.check(*self.view.files)
-            return parquet_dataset(list(map(str, self.view.files)))
+            return parquet_dataset(list(map(library_path, self.view.files)))
 
     @property
     def schema(self) -> pa.Schema:
@@ -177,8 +177,7 @@ class TableView(RowSet):
         if self._is_list or self.view.remote is not None:
             return self.dataset.schema
         with reading(self.view.files):
-            pq.read_metadata(self.view.files[0])
-            return pq.read_schema(self.view.files[0])
+            return parquet.footer(self.view.files[0]).schema.to_arrow_schema()
 
     @with_hints
     def to_table(
@@ -211,7 +210,7 @@ class TableView(RowSet):
         with self._reading():
             if self._is_list or self.view.remote is not None:
                 return int(self.dataset.count_rows())
-            return sum(pq.read_metadata(path).num_rows for path in self.view.files)
+            return sum(parquet.footer(path).num_rows for path in self.view.files)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):

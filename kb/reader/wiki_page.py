@@ -20,8 +20,9 @@ from kb.artifacts.table_catalog import View
 from kb.core.errors import DamagedData, KbError, UsageError
 from kb.reader import html
 from kb.reader.tables import OpenTables, QueryResult, needs, with_hints
-from kb.store.damage import DOWNLOAD, missing, opening, short_lines, unreadable
-from kb.store.rawlog.sidefiles import captured_path
+from kb.store.damage import DOWNLOAD, missing, opening, regular, unreadable
+from kb.store.rawlog.sidefiles import read_captured
+from kb.store.tables.checksums import opened, short_lines
 from kb.store.tables.remote_files import RemoteFolder, reading_at
 
 if TYPE_CHECKING:
@@ -141,20 +142,18 @@ def stored_png(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
         return _remote_member(home, tar, member), f"{home}/{tar}: {member}"
     if slash and tar.endswith(".tar") and "/" not in member:
         return _member(home / tar, member), f"{home / tar}: {member}"
-    file = captured_path(home, path)
-    with opening(file):
-        return file.read_bytes(), str(file)
+    return read_captured(home, path), str(home / path)
 
 
 def _member(tar: Path, member: str) -> bytes:
-    if not tar.is_file():
+    if not tar.exists():
         raise missing([tar], "download it into the folder of the tables")
     index = tar.parent / INDEX
-    entries = _read(index, index.stat().st_mtime_ns) if index.is_file() else {}
+    entries = _read(index, index.stat().st_mtime_ns) if index.exists() else {}
     entry = entries.get((tar.name, member))
     if entry is None:
         return _searched(tar, member)
-    with tar.open("rb") as file:
+    with opening(tar), regular(tar, DOWNLOAD) as file:  # the entry describes the very bytes
         return _verified(file, entry, str(tar))
 
 
@@ -178,9 +177,9 @@ def _verified(file: BinaryIO, entry: dict[str, Any], tar: str) -> bytes:
 def _searched(tar: Path, member: str) -> bytes:
     """A member found without an index, by reading the tar from its start."""
     try:
-        with tarfile.open(tar, "r:") as opened:
-            entry = opened.getmember(member)
-            file = opened.extractfile(entry) if entry.isreg() and entry.size <= _BYTES else None
+        with opened(tar, DOWNLOAD) as stored, tarfile.open(fileobj=stored, mode="r:") as archive:
+            entry = archive.getmember(member)
+            file = archive.extractfile(entry) if entry.isreg() and entry.size <= _BYTES else None
             if file is not None:
                 return file.read()
     except (tarfile.TarError, KeyError, OSError, ValueError, RecursionError) as error:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from kb.artifacts import release_folder
 from kb.artifacts.release_folder import (
+    KEYWORDS,
     TOMBSTONES,
     ReleaseFolder,
     entries,
@@ -21,9 +22,9 @@ from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
 from kb.store.artifact_registry import SUMS
 from kb.store.atomic import write_bytes
-from kb.store.damage import DOWNLOAD, missing, read_small
+from kb.store.damage import DOWNLOAD, missing
 from kb.store.layout import Layout
-from kb.store.tables.checksums import digest
+from kb.store.tables.checksums import digest, read_small
 
 Folders = Sequence[ReleaseFolder]
 
@@ -33,7 +34,7 @@ REQUIRED = (
     *("README.md", "DATASHEET.md", "CITATION.cff", "LICENSE", "croissant.json"),
     *(PROFILE_FILE, "provenance.json", DEPOSIT, SUMS),
 )
-OPTIONAL = (TOMBSTONES, "keywords.tsv")
+OPTIONAL = (TOMBSTONES, KEYWORDS)
 
 
 def in_root(root: Path) -> list[ReleaseFolder]:
@@ -118,7 +119,7 @@ def _sums(folder: Path) -> dict[str, str]:
 def keep_profile(root: Path, releases: Folders) -> None:
     """Copy the releases' profile and keywords next to the restored data, for later commands."""
     own = profile_of(releases)
-    for path in (own, own.with_name("keywords.tsv")) if own else ():
+    for path in (own, own.with_name(KEYWORDS)) if own else ():
         if path.is_file():
             write_bytes(Layout(root).restored() / path.name, read_small(path, DOWNLOAD))
 

@@ -22,7 +22,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb import __version__
-from kb.artifacts.release_folder import ReleaseFolder
+from kb.artifacts.release_folder import KEYWORDS, ReleaseFolder
 from kb.core.config.profile import Profile
 from kb.core.config.profile.base import read_text
 from kb.core.context import Run
@@ -113,7 +113,7 @@ def _keys(folder: ReleaseFolder) -> pa.Table:
     return pa.concat_tables(parts)
 
 
-KEYWORDS, PROVENANCE = "keywords.tsv", "provenance.json"
+PROVENANCE = "provenance.json"
 _COLUMNS = "keyword\tkind\trule\tforms"
 
 

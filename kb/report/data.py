@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
@@ -76,7 +75,7 @@ class ReportData:
         """SQL for the rows of a table, with nulls for declared columns that a release lacks."""
         source, _, short = name.partition("/")
         declared = table(name if name in tables() else f"shared/{short}").arrow()
-        there = set(pq.read_schema(files[0]).names)
+        there = set(parquet.names(files[0]))
         lacking = [field for field in declared if field.name not in there]
         if not lacking:
             return scan(files)

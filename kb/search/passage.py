@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb.artifacts.table_catalog import Catalog
 from kb.schema import table
+from kb.store.tables import parquet
 from kb.store.tables.merge import Merge
 from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import order
@@ -74,7 +74,7 @@ def batches(root: Path, name: str, columns: list[str]) -> Iterator[pa.Table]:
     catalog, declared = Catalog(root.absolute()), table(name)
     files = catalog.texts(name)
     with reading(files):
-        names = set(columns).intersection(*(pq.read_schema(path).names for path in files))
+        names = set(columns).intersection(*(parquet.names(path) for path in files))
     there = [column for column in columns if column in names]
     scratch = None if catalog.is_writable else catalog.cached
     merge = Merge(files, order(declared), there, ahead=_AHEAD, scratch=scratch)

@@ -6,8 +6,6 @@ with opening(path, ValueError):         # what a library says of a broken file b
 """
 
 import contextlib
-import os
-import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -16,9 +14,9 @@ from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS, artifact_of
 from kb.store.exhausted import is_out_of_memory
 from kb.store.layout import Layout
+from kb.store.regular_file import NotRegular, open_regular
 
 DOWNLOAD = "download it again, into the same folder"
-LINE = 1_000_000  # bytes of a line of JSON
 SMALL = 50_000_000  # bytes of a file that is read as a whole: checksums, tombstones, metadata
 
 
@@ -65,35 +63,12 @@ def opening(path: object, *kinds: type[Exception], hint: str = "") -> Iterator[N
 
 
 @contextlib.contextmanager
-def regular(path: Path, hint: str = "", *, links: bool = True) -> Iterator[BinaryIO]:
-    """A file to read. A pipe or a device is not waited for. Raises DamagedData where it is none, or
-    without `links` where it is a link.
-    """
-    flags = os.O_RDONLY | os.O_NONBLOCK | (0 if links else os.O_NOFOLLOW)
-    descriptor = os.open(path, flags)
-    with os.fdopen(descriptor, "rb") as file:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise unreadable(path, "it is not a file but a pipe, a device or a folder", hint)
+def regular(path: Path, hint: str = "") -> Iterator[BinaryIO]:
+    """A file to read. A pipe or a device is not waited for. Raises DamagedData where it is none."""
+    try:
+        opened = open_regular(path)
+    except NotRegular as error:
+        what = str(error).removeprefix(f"{path} ")
+        raise unreadable(path, f"it {what}", hint) from None
+    with opened as file:
         yield file
-
-
-def short_lines(path: Path, hint: str = "") -> Iterator[bytes]:
-    """The lines of a file of a stranger's folder: no link, and at most LINE bytes in a line. Raises
-    DamagedData.
-    """
-    with opening(path, hint=hint), regular(path, hint, links=False) as file:
-        while line := file.readline(LINE + 1):
-            if len(line) > LINE:
-                raise unreadable(path, f"a line has more than {LINE:,} bytes", hint)
-            yield line
-
-
-def read_small(path: Path, hint: str = "") -> bytes:
-    """A file of a stranger's folder as a whole: no link, and at most SMALL bytes. Raises
-    DamagedData.
-    """
-    with opening(path, hint=hint), regular(path, hint, links=False) as file:
-        data = file.read(SMALL + 1)
-    if len(data) > SMALL:
-        raise unreadable(path, f"it has more than {SMALL:,} bytes", hint)
-    return data

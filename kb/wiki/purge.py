@@ -74,7 +74,7 @@ def names(purge: Purge) -> Names:
         removed = str(answer["page_id"]) in keys
         shown[removed] |= {file["key"]: file["title"] for file in answer["files"]}
         folder = root / answer["folder"]
-        if is_captured_path(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
+        if is_captured_path(answer["folder"]) and (folder / "extraction.json.zst").exists():
             sprites = tables.read_extraction(root, folder)["sprites"]
             paths[removed] |= {str(BELOW.images / f"{name}.png") for name in sprites.values()}
     addresses = shown[True].keys() - shown[False].keys()
@@ -89,7 +89,7 @@ def names(purge: Purge) -> Names:
             frontier.remove("info", asked)
             frontier.remove("files", addresses)
         for path in sorted(paths[True] - paths[False]):
-            if is_captured_path(root, path):  # a crawl wrote no other
+            if is_captured_path(path):  # a crawl wrote no other
                 (root / path).unlink(missing_ok=True)
                 sidefiles.quarantine_path(root / path).unlink(missing_ok=True)
         for key in filter(str.isdigit, keys):

@@ -14,7 +14,8 @@ import pytest
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.reader.wiki_page import stored_png
-from kb.store.damage import SMALL, read_small
+from kb.store.damage import SMALL
+from kb.store.tables.checksums import read_small
 from tests.inprocess import Here
 
 MEMORY = 300_000  # kB

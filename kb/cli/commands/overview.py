@@ -11,8 +11,6 @@ from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pyarrow.parquet as pq
-
 from kb.artifacts import freshness
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
@@ -179,7 +177,7 @@ def _schema_rows(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
         one = named.get(view.full)
         if one is not None and one.source == source and one.short != "missing":
             with reading.reading(view.files):
-                counts[one.short] = sum(pq.read_metadata(file).num_rows for file in view.files)
+                counts[one.short] = sum(parquet.footer(file).num_rows for file in view.files)
     return _in_order(counts)
 
 

@@ -24,8 +24,8 @@ from kb.crawl.id_list import (
     is_parquet,
     readable,
 )
-from kb.store.damage import read_small
 from kb.store.tables import parquet
+from kb.store.tables.checksums import read_small
 
 Ids = Path | str | Iterable[str | Path] | None
 """A file or folder of ids, several of them, or full names; None: the data root's own release."""

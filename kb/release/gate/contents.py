@@ -28,6 +28,7 @@ from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.config.profile.release import Release
 from kb.core.errors import DamagedData
 from kb.release.gate import GateProblem
+from kb.store.damage import regular
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 
@@ -132,7 +133,7 @@ def _in_file(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]:
     """The values and shapes in any file, read in pieces."""
     hits: dict[str, None] = {}
     tail = b""
-    with path.open("rb") as file:
+    with regular(path) as file:
         while chunk := file.read(_CHUNK):
             # Most pieces contain nothing and need not be joined with the one before.
             if wanted.anything(chunk) or wanted.anything(tail + chunk[: wanted.overlap]):

@@ -11,11 +11,13 @@ import fcntl
 import os
 import re
 from collections.abc import Callable, Collection, Iterable
+from hashlib import sha256
 from pathlib import Path
 
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS
 from kb.store.atomic import append, sync_folder, write_bytes
+from kb.store.damage import opening, regular, unreadable
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.tables.checksums import digest, listed, parsed
@@ -50,7 +52,9 @@ def is_intact(path: Path, advance: Callable[[int], None] | None = None) -> bool:
     if not path.is_file() or not path.stat().st_size:
         return False
     wanted = expected(path)
-    return wanted is None or digest(path, advance=advance) == wanted
+    if wanted is None:
+        return not leads_out(path)
+    return digest(path, advance=advance) == wanted
 
 
 def write_named(path: Path, data: bytes) -> None:
@@ -128,16 +132,38 @@ def _list(root: Path, source: str) -> Path:
     return Layout(root).state_folder(source) / "damaged-files.txt"
 
 
-def is_captured_path(root: Path, path: str) -> bool:
-    """Whether `path`, relative to the data root, resolves to a place in raw/wiki."""
-    return (root / path).resolve().is_relative_to(Layout(root).raw(CAPTURED).resolve())
+def is_captured_path(path: str) -> bool:
+    """Whether a path, relative to a data root, names a place in raw/wiki. Folders on the way may be
+    links.
+    """
+    return Path(path).is_relative_to(BELOW.raw(CAPTURED)) and ".." not in Path(path).parts
 
 
 def captured_path(root: Path, path: str) -> Path:
     """The place of a captured page or image. Raises DamagedData for a path outside raw/wiki."""
-    if not is_captured_path(root, path):
+    if not is_captured_path(path):
         raise DamagedData(
             f"the wiki's data name {path!r}, which is not in {Layout(root).raw(CAPTURED)}",
             hint="those raw files are not from a crawl: move them away",
         )
     return root / path
+
+
+def read_captured(root: Path, path: str) -> bytes:
+    """A captured page or image, relative to the data root. Raises DamagedData for a path outside
+    raw/wiki, for bytes that are not what was stored, and where a link leads out of raw/wiki unless
+    a checksum describes the very bytes.
+    """
+    file = captured_path(root, path)
+    with opening(file), regular(file) as opened:
+        data = opened.read()
+    wanted = expected(file)
+    if leads_out(file) if wanted is None else sha256(data).hexdigest() != wanted:
+        raise unreadable(file, "it is not what was stored")
+    return data
+
+
+def leads_out(path: Path) -> bool:
+    """Whether a captured file is reached through a link that leads out of its data root."""
+    raw = next(above for above in path.parents if above.match(str(BELOW.raw(CAPTURED))))
+    return not path.resolve().is_relative_to(raw.parents[1].resolve())

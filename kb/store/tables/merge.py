@@ -14,7 +14,6 @@ from typing import Any, Literal
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
@@ -95,7 +94,7 @@ def _is_sorted(path: Path, by: list[str]) -> bool:
     """Whether the file says that each of its row groups, and they one after another,
     are in this order.
     """
-    file = pq.read_metadata(path)
+    file = parquet.footer(path)
     names = [file.schema.column(index).path for index in range(file.num_columns)]
     for index in range(file.num_row_groups):
         marks = file.row_group(index).sorting_columns

@@ -16,13 +16,14 @@ import msgspec
 import pyarrow as pa
 
 from kb.core.errors import DamagedData
+from kb.schema.conformity import column_problems
 from kb.schema.tables import table, tables
 from kb.store.damage import unreadable
 from kb.store.exhausted import is_out_of_memory
 from kb.store.layout import Layout
 from kb.store.state import json_files
 from kb.store.state.frontier import Frontier
-from kb.store.tables import parquet
+from kb.store.tables import checksums, parquet
 
 SANDBOX_MODEL = "lorecrawl_tiny"  # what its scores say means nothing about real texts
 
@@ -64,14 +65,10 @@ def _other(path: Path) -> str:
     name = _declared(path)
     if name not in tables() or path.suffix == ".ndjson":
         return ""
-    with parquet.open_file(path) as file:
+    with parquet.open_stored(path) as file:
         stored = file.schema_arrow
-    for field in table(name).arrow():
-        if field.name not in stored.names:
-            return f"it has no column {field.name}"
-        if _plain(stored.field(field.name).type) != _plain(field.type):
-            return f"its column {field.name} is {stored.field(field.name).type}, not {field.type}"
-    return ""
+    problems = column_problems(table(name), stored, released=False)
+    return next((what for _, what in problems), "")
 
 
 def _declared(path: Path) -> str:
@@ -92,20 +89,23 @@ def _declared(path: Path) -> str:
     return ""
 
 
-def _plain(kind: pa.DataType) -> pa.DataType:
-    return kind.value_type if isinstance(kind, pa.DictionaryType) else kind
-
-
 def filtered(root: Path, source: str) -> dict[str, Any]:
     """The summary of the source's last filter, {} when there was none. Raises DamagedData."""
     return json_files.read(Layout(root).summary(source), dict[str, Any]) or {}
 
 
-def scan(files: Iterable[Path | str]) -> str:
-    """SQL that reads these files and no others."""
-    paths = list(files)
-    listed = ", ".join(literal(file) for file in paths)
-    if any(str(path).endswith(".ndjson") for path in paths):  # tombstones of a release
+def scan(files: Iterable[Path | str], *, values: bool = True) -> str:
+    """SQL that reads these files and no others. Raises DamagedData for what is no regular file, for
+    a link whose bytes are not those that checksums describe, and for a file of a release whose
+    columns or, with `values`, numbers are not as declared.
+    """
+    names = list(map(str, files))
+    local = [name for name in names if "://" not in name]
+    parquet.check_release(*local, values=values)
+    listed = ", ".join(
+        literal(checksums.library_path(name) if name in local else name) for name in names
+    )
+    if any(name.endswith(".ndjson") for name in names):  # tombstones of a release
         kinds = ", ".join(
             f"'{field.name}': '{'TIMESTAMPTZ' if pa.types.is_timestamp(field.type) else 'VARCHAR'}'"
             for field in table("shared/tombstones").arrow(True)

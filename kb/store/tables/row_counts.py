@@ -4,8 +4,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
-import pyarrow.parquet as pq
-
 from kb.store.damage import opening
 from kb.store.layout import VERDICTS, parquet_files
 from kb.store.tables import database, parquet
@@ -16,7 +14,7 @@ def rows(folder: Path) -> int:
     """Rows of a table, from its files' footers. Raises DamagedData."""
     files = parquet_files(folder)
     with reading(files):
-        return sum(pq.read_metadata(file).num_rows for file in files)
+        return sum(parquet.footer(file).num_rows for file in files)
 
 
 def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
@@ -67,10 +65,10 @@ def span(
 
     Nothing for files without that column. Raises DamagedData.
     """
-    having = [path for path in files if column in pq.read_schema(path).names]
+    having = [path for path in files if column in parquet.names(path)]
     if not having:
         return None, None, 0
-    names = {name for path in having for name in pq.read_schema(path).names}
+    names = {name for path in having for name in parquet.names(path)}
     counted = " OR ".join(f"{name} = '{value}'" for name, value in of if name in names) or "true"
     with reading(having), database.over(having) as con:
         sql = (
