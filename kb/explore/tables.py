@@ -54,6 +54,8 @@ class CurrentTables:
         views = [self.view(name) for name in names]
         files = [path for view in views for path in view.files]
         with reading(files), connect(None, views) as con:
+            for view in views:
+                view.check()
             yield con
 
     def rows(self, name: str, sql: str, parameters: Sequence[Any] = ()) -> pa.Table:

@@ -373,7 +373,8 @@ class OpenTables:
         used = [view for view in self.views if view.name in sql]
         files = [path for view in used for path in view.files]
         with reading(files), reading_views(used):
-            parquet.check(*files)
+            for view in used:
+                view.check()
             return self.con.sql(sql, params=list(parameters)).to_arrow_table()
 
     def folders(self) -> list[str]:

@@ -15,11 +15,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, cast
 
+import pyarrow as pa
+
 from kb import query
 from kb.artifacts.table_catalog import View
 from kb.core.errors import DamagedData, KbError, UsageError
 from kb.reader import html
 from kb.reader.tables import OpenTables, QueryResult, needs, with_hints
+from kb.schema.conformity import value_problem
+from kb.schema.tables import table
 from kb.store.damage import DOWNLOAD, missing, opening, regular, unreadable
 from kb.store.rawlog.sidefiles import read_captured
 from kb.store.tables.checksums import opened, short_lines
@@ -95,6 +99,7 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     needs("PIL", install="pillow")
     from PIL import Image
 
+    _check_size(row)
     data, where = stored_png(home, row["screenshot_path"])
     scale = row["device_pixel_ratio"]
     wanted = [round(row["page_width"] * scale), round(row["page_height"] * scale)]
@@ -115,6 +120,16 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     finally:
         Image.MAX_IMAGE_PIXELS = limit
     return opened
+
+
+def _check_size(row: dict[str, Any]) -> None:
+    """Raises DamagedData for sizes of no page: of a release at an address only the footers of its
+    files were looked at.
+    """
+    for name in ("page_width", "page_height", "device_pixel_ratio"):
+        column = table("wiki/pages").column(name)
+        if what := value_problem(column, pa.array([row[name]])):
+            raise DamagedData(f"the page {row['page_id']}: {what}", hint=DOWNLOAD)
 
 
 def outlined(image: Picture, boxes: Iterable[Box], scale: float) -> Picture:
