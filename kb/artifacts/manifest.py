@@ -210,7 +210,7 @@ def check_folder(folder: Path) -> None:
     """
     match = artifact_of(folder)
     lost = [folder / one for one in siblings(one.name for one in parquet_files(folder))]
-    lost = [one for one in lost if not one.is_file()]
+    lost = [one for one in lost if not one.exists()]
     if match is not None:
         root, artifact = match
         lost += [one for one in missing(root, artifact.name) if one.parent == folder]

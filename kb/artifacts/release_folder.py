@@ -24,7 +24,7 @@ from kb.core.installation import PROFILE_FILE
 from kb.core.sources import PUBLISHED
 from kb.schema.tables import Table, released_tables, table
 from kb.store.artifact_registry import SUMS
-from kb.store.damage import DOWNLOAD, opening, unreadable
+from kb.store.damage import DOWNLOAD, missing, opening, unreadable
 from kb.store.state.tombstones import without_people
 from kb.store.tables import parquet
 from kb.store.tables.checksums import library_path, read_small, read_sums
@@ -91,7 +91,18 @@ class ReleaseFolder:
             library_path(path)
         return next((path for path in mine if path.name == PROFILE_FILE), None)
 
-    def missing(self) -> list[Path]:
+    def check(self) -> None:
+        """Raises DamagedData for a table's file that is not there, and for one that is a link which
+        SHA256SUMS does not describe.
+        """
+        if lost := self._missing():
+            raise missing(lost)
+        mine = set(self.data)
+        for path in entries(self.path):
+            if released_table(path.name) is not None and path not in mine:
+                raise unreadable(path, f"it is a link, and {SUMS} does not describe it")
+
+    def _missing(self) -> list[Path]:
         """Table files that other shards or SHA256SUMS name and that are not there."""
         there = {path.name for path in self.path.glob("*.parquet") if path.exists()}
         named = manifest.siblings(there) | {

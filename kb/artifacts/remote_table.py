@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from kb.artifacts.release_folder import TOMBSTONES, parse_tombstones
 from kb.core.cached_property import cached_property
@@ -16,6 +17,8 @@ from kb.store.damage import unreadable
 from kb.store.tables.parquet import released_table
 from kb.store.tables.remote_files import RemoteFolder, reading_at
 
+_TAIL = 1 << 14  # bytes at the end of a file, of which most footers need no more
+
 
 @dataclass(frozen=True, eq=False)
 class RemoteTable:
@@ -23,35 +26,48 @@ class RemoteTable:
 
     folder: RemoteFolder
     names: Sequence[str]
+    _checked: list[bool] = field(default_factory=list)
 
     @cached_property
     def dataset(self) -> ds.Dataset:
-        """All rows, read when they are asked for. Raises DamagedData, also where the footer of a
-        shard says that columns or numbers are not as declared, FatalError.
-        """
+        """All rows, read when they are asked for. Raises DamagedData, also as `check`, FatalError."""
         if TOMBSTONES in self.names:
             rows = self.folder.read(TOMBSTONES)
             return ds.dataset(parse_tombstones(rows, f"{self.folder}/{TOMBSTONES}"))
-        dataset = self.folder.dataset(self.names)
-        for name, fragment in zip(self.names, dataset.get_fragments(), strict=True):
-            place, declared = f"{self.folder}/{name}", released_table(name)
-            if declared is not None:
-                with reading_at(place):
-                    _check(place, declared, fragment)
-        return dataset
+        self.check()
+        return self.folder.dataset(self.names)
+
+    def check(self) -> None:
+        """Raises DamagedData where the footer of a shard says that columns or numbers are not as
+        declared; to read all numbers would be to download the release.
+        """
+        if not self._checked:
+            for name in self.names:
+                if (declared := released_table(name)) is not None:
+                    _check(f"{self.folder}/{name}", declared, self._footer(name))
+            self._checked.append(True)
+
+    def _footer(self, name: str) -> pq.FileMetaData:
+        """The footer of a shard, of which no more than that is read."""
+        size = self.folder.sizes[name]
+        with self.folder.open(name) as file, reading_at(f"{self.folder}/{name}"):
+            file.seek(max(0, size - _TAIL))
+            tail = file.read()
+            length = int.from_bytes(tail[-8:-4], "little") + 8
+            if len(tail) < length <= size:
+                file.seek(size - length)
+                tail = file.read()
+            return pq.read_metadata(pa.BufferReader(tail))
 
 
-def _check(place: str, declared: Table, shard: ds.ParquetFileFragment) -> None:
-    """Raises DamagedData. Numbers are compared as far as the footer knows them: to read all of them
-    would be to download the release.
-    """
+def _check(place: str, declared: Table, footer: pq.FileMetaData) -> None:
     again = "publish it again"
-    for _, what in column_problems(declared, shard.physical_schema, released=True):
+    for _, what in column_problems(declared, footer.schema.to_arrow_schema(), released=True):
         raise unreadable(place, what, again)
     numbers = {one.name: one for one in declared.columns if one.released and one.range}
-    for group in shard.row_groups:
-        for name, bounds in (group.statistics or {}).items():
-            column = numbers.get(name)
-            both = pa.array([bounds["min"], bounds["max"]])
-            if column is not None and (what := value_problem(column, both)):
-                raise unreadable(place, what, again)
+    for group in map(footer.row_group, range(footer.num_row_groups)):
+        for chunk in map(group.column, range(group.num_columns)):
+            known, column = chunk.statistics, numbers.get(chunk.path_in_schema)
+            if column is not None and known is not None and known.has_min_max:
+                if what := value_problem(column, pa.array([known.min, known.max])):
+                    raise unreadable(place, what, again)

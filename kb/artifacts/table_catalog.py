@@ -29,7 +29,6 @@ from kb.core.errors import FatalError, KbError, SettingError, UsageError
 from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.schema.tables import Table, table, tables
-from kb.store.damage import missing
 from kb.store.layout import TOP, VERDICTS, Layout, parquet_files, rows_pattern
 from kb.store.tables import parquet
 
@@ -74,7 +73,7 @@ class View(NamedTuple):
         it before rows are read. `advance` is called with the number of bytes read.
         """
         if self.remote is not None:
-            self.remote.dataset  # noqa: B018  it looks at the footers of all its files
+            self.remote.check()
         parquet.check(*self.files, advance=advance)
 
 
@@ -122,8 +121,7 @@ class Catalog:
     def check(self) -> None:
         """Raises DamagedData for a table's file that should be there and is not."""
         for folder in self.releases:
-            if lost := folder.missing():
-                raise missing(lost)
+            folder.check()
         if is_root(self.path):
             for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "labels"):
                 manifest.check_complete(self.path, name)

@@ -24,6 +24,7 @@ from kb.store.artifact_registry import SUMS
 from kb.store.atomic import write_bytes
 from kb.store.damage import DOWNLOAD, missing
 from kb.store.layout import Layout
+from kb.store.tables import parquet
 from kb.store.tables.checksums import digest, read_small
 
 Folders = Sequence[ReleaseFolder]
@@ -88,20 +89,24 @@ def find(places: Sequence[Path]) -> list[ReleaseFolder]:
 
 
 def verify(run: Run, releases: Folders) -> None:
-    """Compare every file with SHA256SUMS. Raises DamagedData for the first that differs."""
+    """Compare every file with SHA256SUMS, and tables with what schemas/ declare. Raises DamagedData
+    for the first that differs.
+    """
     for one in releases:
         sums = _sums(one.path)
+        one.check()
         for path in one.data:
             if path.name not in sums and path.suffix == ".parquet":
                 raise DamagedData(f"{path} is not in {SUMS}", hint=f"remove it, or {DOWNLOAD}")
         with run.progress.task(f"verify {one.path.name}", len(sums), "files") as task:
             for name, wanted in sums.items():
                 path = one.path / name
-                if not path.is_file():
+                if not path.exists():
                     raise missing([path], DOWNLOAD)
                 if digest(path) != wanted:
                     raise DamagedData(f"{path} differs from {SUMS}", hint=DOWNLOAD)
                 task.advance()
+        parquet.check_release(*(shard for part in one.parts for shard in part.shards))
 
 
 def _sums(folder: Path) -> dict[str, str]:

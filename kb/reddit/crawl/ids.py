@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple, cast
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData, SettingError
 from kb.core.installation import PROFILE_FILE
@@ -84,7 +83,7 @@ class FullNames:
         self.listed, self.files = listed, files
         columns = [(path, column_of(path, RULES.option, tuple(_PREFIXES))) for path in files]
         self._columns = [(path, column, _PREFIXES[column]) for path, column in columns]
-        self._rows = sum(pq.read_metadata(path).num_rows for path in files)
+        self._rows = sum(parquet.footer(path).num_rows for path in files)
 
     def __len__(self) -> int:
         return len(self.listed) + self._rows
@@ -219,7 +218,7 @@ def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.T
     tables = []
     columns: list[tuple[str, pa.DataType]] = [(key, pa.string()), (name, pa.int64())]
     for file in files:
-        if is_parquet(file) and {key, name} <= set(pq.read_schema(file).names):
+        if is_parquet(file) and {key, name} <= set(parquet.names(file)):
             rows = parquet.read_table(file, columns=[key, name])
             tables.append(rows.cast(pa.schema(columns)))
     return pa.concat_tables(tables) if tables else None
