@@ -212,6 +212,7 @@ def _make_rows(name, n, released=False, **given):
             values = [[] for _ in range(n)]
         else:
             least, most = declared.column(field.name).range or (0, 1000)
+            least = max(least, 0)
             step = min(1, (most - least) / 1000)
             made = [least + step * ((row * 7 + number) % 1000) for row in range(n)]
             values = pa.array(made).cast(kind, safe=False) if n else []

@@ -66,6 +66,12 @@ class ReleaseFolder:
         """Every file but the checksums, by name; hidden files are not part of it."""
         return [path for path in _own(self.path) if path.name != SUMS]
 
+    @property
+    def size(self) -> int:
+        """Bytes of all files, also of those that links lead to."""
+        files = (*self.files(), self.path / SUMS)
+        return sum(file.stat().st_size for file in files if file.is_file())
+
     def shards(self, short: str) -> list[Path]:
         """The files of a released table."""
         return [shard for part in self.parts if part.table.short == short for shard in part.shards]

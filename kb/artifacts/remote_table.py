@@ -30,7 +30,7 @@ class RemoteTable:
 
     @cached_property
     def dataset(self) -> ds.Dataset:
-        """All rows, read when they are asked for. Raises DamagedData, also as `check`, FatalError."""
+        """All rows, read when they are asked for. Raises DamagedData as `check`, FatalError."""
         if TOMBSTONES in self.names:
             rows = self.folder.read(TOMBSTONES)
             return ds.dataset(parse_tombstones(rows, f"{self.folder}/{TOMBSTONES}"))
@@ -68,6 +68,7 @@ def _check(place: str, declared: Table, footer: pq.FileMetaData) -> None:
     for group in map(footer.row_group, range(footer.num_row_groups)):
         for chunk in map(group.column, range(group.num_columns)):
             known, column = chunk.statistics, numbers.get(chunk.path_in_schema)
-            if column is not None and known is not None and known.has_min_max:
-                if what := value_problem(column, pa.array([known.min, known.max])):
-                    raise unreadable(place, what, again)
+            if column is None or known is None or not known.has_min_max:
+                continue
+            if what := value_problem(column, pa.array([known.min, known.max])):
+                raise unreadable(place, what, again)

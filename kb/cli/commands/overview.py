@@ -67,10 +67,10 @@ def overview(run: Run) -> dict[str, Any]:
     if run.profile.path != Path() and not catalog.is_download:
         outdated = freshness.plan(run, freshness.graph(run))
         stale = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
-    folders = [one.path for one in catalog.releases] if catalog.is_download else []
-    if not folders:
+    disk = {one.path.name: one.size for one in catalog.releases} if catalog.is_download else {}
+    if not disk:
         folders = [run.root / name for name in (*TOP, "demo") if (run.root / name).is_dir()]
-    disk = {path.name: _size(path) for path in folders}
+        disk = {path.name: _size(path) for path in folders}
     collected = any(about["rows"] or about["phases"] for about in sources.values())
     return {
         "data": str(run.root),
