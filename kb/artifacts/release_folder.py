@@ -27,7 +27,7 @@ from kb.store.artifact_registry import SUMS
 from kb.store.damage import DOWNLOAD, missing, opening, unreadable
 from kb.store.state.tombstones import without_people
 from kb.store.tables import parquet
-from kb.store.tables.checksums import library_path, read_small, read_sums
+from kb.store.tables.checksums import opened, read_small, read_sums
 from kb.store.tables.parquet import released_table
 
 TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
@@ -89,13 +89,15 @@ class ReleaseFolder:
 
     @property
     def profile(self) -> Path | None:
-        """The profile that the release was made with. Raises DamagedData for a link whose bytes
-        are not those that SHA256SUMS describes.
+        """The profile that the release was made with. Raises DamagedData where it, or a list that
+        it may name, is no file or a link whose bytes SHA256SUMS does not describe.
         """
-        mine = [path for path in _own(self.path) if path.name in (PROFILE_FILE, KEYWORDS)]
-        for path in mine:
-            library_path(path)
-        return next((path for path in mine if path.name == PROFILE_FILE), None)
+        mine = {path.name: path for path in entries(self.path)}
+        for name, path in mine.items():
+            if name == PROFILE_FILE or path.suffix == ".tsv":
+                with opened(path):
+                    pass
+        return mine.get(PROFILE_FILE)
 
     def check(self) -> None:
         """Raises DamagedData for a table's file that is not there, and for one that is a link which

@@ -35,7 +35,7 @@ from kb.verify.findings import Findings
 
 _CHECKS = 3
 CROISSANT = "croissant.json"
-_PLAIN = {".gitkeep"}
+_PLAIN = {".gitkeep", ".gitattributes", ".git"}  # a release may be the checkout of a repository
 
 
 def check_release(
