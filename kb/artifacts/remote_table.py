@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import pyarrow as pa
@@ -17,6 +18,7 @@ from kb.store.damage import unreadable
 from kb.store.tables.parquet import released_table
 from kb.store.tables.remote_files import RemoteFolder, reading_at
 
+_THREADS = 8  # that ask for footers: most of their time is the way to the address
 _TAIL = 1 << 14  # bytes at the end of a file, of which most footers need no more
 
 
@@ -41,10 +43,13 @@ class RemoteTable:
         """Raises DamagedData where the footer of a shard says that columns or numbers are not as
         declared; to read all numbers would be to download the release.
         """
-        if not self._checked:
-            for name in self.names:
-                if (declared := released_table(name)) is not None:
-                    _check(f"{self.folder}/{name}", declared, self._footer(name))
+        if not self._checked and TOMBSTONES not in self.names:
+            with ThreadPoolExecutor(_THREADS) as pool:
+                for name, footer in zip(
+                    self.names, pool.map(self._footer, self.names), strict=True
+                ):
+                    if (declared := released_table(name)) is not None:
+                        _check(f"{self.folder}/{name}", declared, footer)
             self._checked.append(True)
 
     def _footer(self, name: str) -> pq.FileMetaData:

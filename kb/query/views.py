@@ -20,8 +20,7 @@ from kb.query.remote_duckdb import RemoteFiles, reading_views
 from kb.store.damage import opening
 from kb.store.state.tombstones import PERSON
 from kb.store.tables import database, parquet
-from kb.store.tables.checksums import library_path
-from kb.store.tables.reading import escaped, reading, scan
+from kb.store.tables.reading import escaped, library_paths, reading, scan, sql_of
 from kb.store.tables.remote_files import reading_at
 
 
@@ -96,11 +95,13 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteF
         manifest.check_folder(view.files[0].parent)
         if view.files[0].suffix == ".ndjson":
             read_tombstones(view.files[0])  # DuckDB would take null for what is missing
-        paths.update(map(library_path, view.files))
+        mine = library_paths(view.files, values=False)  # `select` looks at rows that it reads
+        paths.update(mine)
+        read = sql_of(mine, view.files[0].suffix == ".ndjson")
         with opening(view.files[0].parent, duckdb.Error), reading(view.files):
             # Tombstones of people are for this data root's own commands.
             shown = f" WHERE NOT starts_with(key, '{PERSON}')" if view.lists_tombstones else ""
-            con.execute(f"CREATE VIEW {view.full} AS FROM {scan(view.files, values=False)}{shown}")
+            con.execute(f"CREATE VIEW {view.full} AS FROM {read}{shown}")
     for name, view in bare(views).items():
         con.execute(f"CREATE VIEW main.{name} AS FROM {view.full}")
     return paths

@@ -17,7 +17,7 @@ from kb.schema.tables import Column, Table, Type
 Values: TypeAlias = "pa.Array[Any] | pa.ChunkedArray[Any]"
 # Times that Python can hold, in microseconds and days since 1970; one beyond them fails wherever
 # rows become objects.
-_DATES = tuple((day - date(1970, 1, 1)).days for day in (date.min, date.max))
+_DATES = ((date.min - date(1970, 1, 1)).days, (date.max - date(1970, 1, 1)).days)
 _TIMES = (_DATES[0] * 86_400_000_000, (_DATES[1] + 1) * 86_400_000_000 - 1)
 _YEARS = "a time that is of no year from 1 to 9999"
 
@@ -59,14 +59,14 @@ def _outside(kind: Type, values: Any, allowed: tuple[float, float] | None) -> st
         if found := _outside(inner, pc.struct_field(values, [index]), allowed):
             return found
     if kind.text == "date":
-        return _beyond(values.cast(pa.int32()), _DATES) and _YEARS
+        return _YEARS if _beyond(values.cast(pa.int32()), _DATES) else ""
     if kind.text.startswith("timestamp"):
-        return _beyond(values.cast(pa.int64()), _TIMES) and _YEARS
+        return _YEARS if _beyond(values.cast(pa.int64()), _TIMES) else ""
     if kind.text in ("string", "bool") or kind.fields or allowed is None:
         return ""
     low, high = (int(one) if one.is_integer() else one for one in allowed)
-    found = _beyond(values, (low, high))
-    return f"{found[0]:,}, which is not from {low:,} to {high:,}" if found else ""
+    first = _beyond(values, (low, high))
+    return f"{first[0]:,}, which is not from {low:,} to {high:,}" if first else ""
 
 
 def _beyond(values: Any, allowed: tuple[float, float]) -> list[Any]:

@@ -92,7 +92,9 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
         return [damaged(where, error, "run `kb release` again")]
     names = dict.fromkeys(name for row in rows for name in row)
     schema = declared.arrow(True)
-    there = [schema.field(name) if name in schema.names else (name, pa.null()) for name in names]
+    there = [
+        schema.field(name) if name in schema.names else pa.field(name, pa.null()) for name in names
+    ]
     if rows and (undeclared := _columns(declared, pa.schema(there), where)):
         return undeclared
     problems, arrays = [], {}

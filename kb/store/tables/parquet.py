@@ -116,6 +116,12 @@ def released_table(name: str) -> Table | None:
     return _released().get(match[1]) if match else None
 
 
+def is_released(path: Path | str) -> bool:
+    """Whether a file is, by its name, a shard of a release or its list of tombstones."""
+    name = Path(path).name
+    return released_table(name) is not None or name.endswith(".ndjson")
+
+
 @cache
 def _released() -> dict[str, Table]:
     return {declared.short: declared for declared in tables().values() if declared.released}

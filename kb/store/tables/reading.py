@@ -8,7 +8,7 @@ with reading(files):                    # what a library says of a broken file b
 import contextlib
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -94,18 +94,38 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
     return json_files.read(Layout(root).summary(source), dict[str, Any]) or {}
 
 
-def scan(files: Iterable[Path | str], *, values: bool = True) -> str:
+def scan(files: Iterable[Path | str]) -> str:
     """SQL that reads these files and no others. Raises DamagedData for what is no regular file, for
     a link whose bytes are not those that checksums describe, and for a file of a release whose
-    columns or, with `values`, numbers are not as declared.
+    columns or numbers are not as declared.
     """
     names = list(map(str, files))
-    local = [name for name in names if "://" not in name]
-    parquet.check_release(*local, values=values)
-    listed = ", ".join(
-        literal(checksums.library_path(name) if name in local else name) for name in names
-    )
-    if any(name.endswith(".ndjson") for name in names):  # tombstones of a release
+    return sql_of(library_paths(names), any(name.endswith(".ndjson") for name in names))
+
+
+def library_paths(files: Iterable[Path | str], *, values: bool = True) -> list[str]:
+    """The paths by which DuckDB opens these files. Without `values`, for a view whose rows are
+    looked at when they are read, a data root's files after the first are not opened. Raises
+    DamagedData as `scan`.
+    """
+    paths = []
+    for name in map(str, files):
+        is_local = "://" not in name
+        if is_local:
+            parquet.check_release(name, values=values)
+        if is_local and (values or not paths or parquet.is_released(name)):
+            paths.append(checksums.library_path(name))
+        else:
+            paths.append(name)
+    return paths
+
+
+def sql_of(paths: Sequence[str], lines: bool) -> str:
+    """SQL that reads files by their paths in a library: Parquet, or `lines`: tombstones of a
+    release.
+    """
+    listed = ", ".join(map(literal, paths))
+    if lines:
         kinds = ", ".join(
             f"'{field.name}': '{'TIMESTAMPTZ' if pa.types.is_timestamp(field.type) else 'VARCHAR'}'"
             for field in table("shared/tombstones").arrow(True)
