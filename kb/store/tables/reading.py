@@ -108,7 +108,7 @@ def library_paths(files: Iterable[Path | str], *, values: bool = True) -> list[s
     looked at when they are read, a data root's files after the first are not opened. Raises
     DamagedData as `scan`.
     """
-    paths = []
+    paths: list[str] = []
     for name in map(str, files):
         is_local = "://" not in name
         if is_local:
