@@ -125,7 +125,7 @@ def test_a_captured_file_outside_is_read_only_with_its_checksum(tmp_path: Path) 
     (tmp_path / "root" / "raw" / "wiki" / "pages").symlink_to(tmp_path / "elsewhere")
     path = "raw/wiki/pages/1/2/screenshot.png"
     for read in (stored_png, sidefiles.read_captured):
-        with pytest.raises(DamagedData, match="not what was stored"):
+        with pytest.raises(DamagedData, match="leads out of the data root"):
             read(tmp_path / "root", path)
     sidefiles.write_sums(folder)
     assert stored_png(tmp_path / "root", path)[0] == b"a secret"  # no secret: the root describes it

@@ -52,9 +52,7 @@ def is_intact(path: Path, advance: Callable[[int], None] | None = None) -> bool:
     if not path.is_file() or not path.stat().st_size:
         return False
     wanted = expected(path)
-    if wanted is None:
-        return not leads_out(path)
-    return digest(path, advance=advance) == wanted
+    return wanted is None or digest(path, advance=advance) == wanted
 
 
 def write_named(path: Path, data: bytes) -> None:
@@ -149,21 +147,24 @@ def captured_path(root: Path, path: str) -> Path:
     return root / path
 
 
-def read_captured(root: Path, path: str) -> bytes:
-    """A captured page or image, relative to the data root. Raises DamagedData for a path outside
-    raw/wiki, for bytes that are not what was stored, and where a link leads out of raw/wiki unless
-    a checksum describes the very bytes.
+def captured_file(root: Path, path: str) -> Path:
+    """The place of a captured page or image, whose bytes are yet to be compared with what is
+    `expected` of it. Raises DamagedData for a path outside raw/wiki, and where a link leads out of
+    the data root to a file of which nothing is expected.
     """
     file = captured_path(root, path)
+    if expected(file) is None and not file.resolve().is_relative_to(root.resolve()):
+        raise unreadable(file, "it leads out of the data root, and no checksum describes it")
+    return file
+
+
+def read_captured(root: Path, path: str) -> bytes:
+    """The bytes of a captured page or image. Raises DamagedData as `captured_file`, and for bytes
+    that are not what was stored.
+    """
+    file = captured_file(root, path)
     with opening(file), regular(file) as opened:
         data = opened.read()
-    wanted = expected(file)
-    if leads_out(file) if wanted is None else sha256(data).hexdigest() != wanted:
+    if expected(file) not in (None, sha256(data).hexdigest()):
         raise unreadable(file, "it is not what was stored")
     return data
-
-
-def leads_out(path: Path) -> bool:
-    """Whether a captured file is reached through a link that leads out of its data root."""
-    raw = next(above for above in path.parents if above.match(str(BELOW.raw(CAPTURED))))
-    return not path.resolve().is_relative_to(raw.parents[1].resolve())
