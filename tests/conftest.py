@@ -211,8 +211,10 @@ def _make_rows(name, n, released=False, **given):
         elif pa.types.is_list(kind):
             values = [[] for _ in range(n)]
         else:
-            values = (
-                pa.array([(row * 7 + number) % 1000 for row in range(n)]).cast(kind) if n else []
-            )
+            least, most = declared.column(field.name).range or (0, 1000)
+            least = max(least, 0)
+            step = min(1, (most - least) / 1000)
+            made = [least + step * ((row * 7 + number) % 1000) for row in range(n)]
+            values = pa.array(made).cast(kind, safe=False) if n else []
         data[field.name] = values if isinstance(values, pa.Array) else pa.array(values, kind)
     return pa.table(data)

@@ -148,7 +148,7 @@ def write(place: Path, manifest: Manifest) -> None:
 
 def entry_of(file: Path) -> FileEntry:
     """A file as it is now."""
-    rows = parquet.read_footer(file).num_rows if file.suffix == ".parquet" else None
+    rows = parquet.footer(file).num_rows if file.suffix == ".parquet" else None
     return FileEntry(file.stat().st_size, checksums.digest(file), rows)
 
 
@@ -215,7 +215,7 @@ def check_folder(folder: Path) -> None:
     """
     match = artifact_of(folder)
     lost = [folder / one for one in siblings(one.name for one in parquet_files(folder))]
-    lost = [one for one in lost if not one.is_file()]
+    lost = [one for one in lost if not one.exists()]
     if match is not None:
         root, artifact = match
         lost += [one for one in missing(root, artifact.name) if one.parent == folder]

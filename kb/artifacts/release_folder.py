@@ -12,7 +12,6 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
-from functools import cache
 from pathlib import Path
 from typing import cast
 
@@ -23,16 +22,17 @@ from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.installation import PROFILE_FILE
 from kb.core.sources import PUBLISHED
-from kb.schema.tables import Table, released_tables, table, tables
+from kb.schema.tables import Table, released_tables, table
 from kb.store.artifact_registry import SUMS
-from kb.store.damage import DOWNLOAD, opening, read_small
+from kb.store.damage import DOWNLOAD, missing, opening, unreadable
 from kb.store.state.tombstones import without_people
 from kb.store.tables import parquet
-from kb.store.tables.checksums import parsed
+from kb.store.tables.checksums import opened, read_small, read_sums
+from kb.store.tables.parquet import released_table
 
 TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
 INDEX = "index.ndjson"
-_SHARD = re.compile(r"([a-z][a-z0-9_]*)-[0-9]{5}-of-[0-9]{5}\.parquet")
+KEYWORDS = "keywords.tsv"  # that the profile names
 _ARCHIVE = re.compile(r"(screenshots|images)-\d{5}-of-\d{5}\.tar")
 
 
@@ -63,8 +63,14 @@ class ReleaseFolder:
         return [shard for part in self.parts for shard in part.shards] + list(self.others)
 
     def files(self) -> list[Path]:
-        """Every file but the checksums, by name; links and hidden files are not part of it."""
-        return [path for path in entries(self.path) if path.name != SUMS and not path.is_symlink()]
+        """Every file but the checksums, by name; hidden files are not part of it."""
+        return [path for path in _own(self.path) if path.name != SUMS]
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files, also of those that links lead to."""
+        files = (*self.files(), self.path / SUMS)
+        return sum(file.stat().st_size for file in files if file.is_file())
 
     def shards(self, short: str) -> list[Path]:
         """The files of a released table."""
@@ -73,8 +79,7 @@ class ReleaseFolder:
     @property
     def tombstones(self) -> Path | None:
         """The list of keys that were removed since collection began."""
-        path = self.path / TOMBSTONES
-        return path if path.is_file() else None
+        return next((path for path in _own(self.path) if path.name == TOMBSTONES), None)
 
     def removed(self) -> set[str]:
         """The removed keys. Raises DamagedData."""
@@ -84,13 +89,30 @@ class ReleaseFolder:
 
     @property
     def profile(self) -> Path | None:
-        """The profile that the release was made with."""
-        path = self.path / PROFILE_FILE
-        return path if path.is_file() else None
+        """The profile that the release was made with. Raises DamagedData where it, or a list that
+        it may name, is no file or a link whose bytes SHA256SUMS does not describe.
+        """
+        mine = {path.name: path for path in entries(self.path)}
+        for name, path in mine.items():
+            if name == PROFILE_FILE or path.suffix == ".tsv":
+                with opened(path):
+                    pass
+        return mine.get(PROFILE_FILE)
 
-    def missing(self) -> list[Path]:
+    def check(self) -> None:
+        """Raises DamagedData for a table's file that is not there, and for one that is a link which
+        SHA256SUMS does not describe.
+        """
+        if lost := self._missing():
+            raise missing(lost)
+        mine = set(self.data)
+        for path in entries(self.path):
+            if released_table(path.name) is not None and path not in mine:
+                raise unreadable(path, f"it is a link, and {SUMS} does not describe it")
+
+    def _missing(self) -> list[Path]:
         """Table files that other shards or SHA256SUMS name and that are not there."""
-        there = {path.name for path in self.path.glob("*.parquet")}
+        there = {path.name for path in self.path.glob("*.parquet") if path.exists()}
         named = manifest.siblings(there) | {
             name for name in sums(self.path)[0] if name.endswith(".parquet")
         }
@@ -110,12 +132,12 @@ def recognise(folder: Path) -> ReleaseFolder | None:
 
 def sources_of(names: Iterable[str]) -> set[str]:
     """The sources whose tables' shards have these names."""
-    return {_sources()[short] for short in map(table_of_shard, names) if short in _sources()}
+    return {declared.source for declared in map(released_table, names) if declared}
 
 
 def read(folder: Path, source: str) -> ReleaseFolder:
     """A source's folder as it is on disk; without data where it does not exist."""
-    own = [file for file in entries(folder) if not file.is_symlink()]
+    own = _own(folder)
     parts = tuple(
         ReleasedTable(declared, shards)
         for declared in released_tables(source)
@@ -139,11 +161,18 @@ def read_tombstones(path: Path) -> pa.Table:
 def parse_tombstones(data: bytes, place: object) -> pa.Table:
     """The rows of tombstones.ndjson, which lies at `place`. Raises DamagedData."""
     schema = table("shared/tombstones").arrow(True)
-    wrong = (ValueError, TypeError, KeyError, OverflowError, RecursionError, pa.ArrowException)
-    with opening(place, *wrong, hint=DOWNLOAD):
-        rows = [orjson.loads(line) for line in data.splitlines()]
-        for row in rows:
+    wrong = (ValueError, AttributeError, OverflowError, RecursionError, pa.ArrowException)
+    rows = []
+    for number, line in enumerate(data.splitlines(), start=1):
+        where = f"{place}: line {number}"
+        with opening(where, *wrong, hint=DOWNLOAD):
+            row = orjson.loads(line)
+            for name in schema.names:
+                if not isinstance(row.get(name), str):
+                    raise unreadable(where, f"column {name} is missing or no text", DOWNLOAD)
             row["removed_at"] = datetime.fromisoformat(row["removed_at"])
+            rows.append(row)
+    with opening(place, *wrong, hint=DOWNLOAD):
         return pa.Table.from_pylist(rows, schema)
 
 
@@ -161,14 +190,23 @@ def releases_below(folder: Path) -> Iterator[ReleaseFolder]:
 
 
 def entries(folder: Path) -> list[Path]:
-    """Files and links by name, also what is no regular file, which its readers refuse; hidden ones
-    stay on this machine.
+    """What is not a folder, by name: files, links, and what can't be read, such as a pipe. Hidden
+    ones stay on this machine.
     """
     return [
         file
         for file in sorted(folder.glob("*"))
         if not file.name.startswith(".") and (file.is_symlink() or not file.is_dir())
     ]
+
+
+def _own(folder: Path) -> list[Path]:
+    """The entries that are part of a release: of links, those that SHA256SUMS describes."""
+    found = entries(folder)
+    if not any(file.is_symlink() for file in found):
+        return found
+    described = sums(folder)[0]
+    return [file for file in found if not file.is_symlink() or file.name in described]
 
 
 def sums(folder: Path) -> tuple[dict[str, str], int]:
@@ -180,18 +218,12 @@ def sums(folder: Path) -> tuple[dict[str, str], int]:
     if not path.exists() and not path.is_symlink():
         return {}, 0
     try:
-        return parsed(read_small(path).decode())
-    except (DamagedData, UnicodeDecodeError):
+        return read_sums(path)
+    except DamagedData:
         return {}, 1
 
 
 def table_of_shard(name: str) -> str:
     """The table that a shard's name begins with, "" for another file."""
-    match = _SHARD.fullmatch(name)
-    return match[1] if match else ""
-
-
-@cache
-def _sources() -> dict[str, str]:
-    """The source of each released table, by the first word of its shards' names."""
-    return {one.short: one.source for one in tables().values() if one.released}
+    declared = released_table(name)
+    return declared.short if declared else ""

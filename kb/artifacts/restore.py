@@ -157,7 +157,7 @@ class RestoreFolder:
         for one in self.tables:
             files = parquet_files(self.path / one.declared.short)
             with reading(files):
-                sums[one.declared.short] = sum(parquet.read_footer(path).num_rows for path in files)
+                sums[one.declared.short] = sum(parquet.footer(path).num_rows for path in files)
         return sums
 
     def buckets(self, expected: int) -> int:

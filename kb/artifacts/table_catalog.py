@@ -17,7 +17,7 @@ import hashlib
 import os
 import re
 import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -29,8 +29,8 @@ from kb.core.errors import FatalError, KbError, SettingError, UsageError
 from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.schema.tables import Table, table, tables
-from kb.store.damage import missing
 from kb.store.layout import TOP, VERDICTS, Layout, parquet_files, rows_pattern
+from kb.store.tables import parquet
 
 if TYPE_CHECKING:
     from kb.artifacts.remote_table import RemoteTable
@@ -67,6 +67,14 @@ class View(NamedTuple):
     def lists_tombstones(self) -> bool:
         """Whether the rows are removed keys, which `read_tombstones` reads from a file."""
         return bool(self.files) and self.files[0].stem == "tombstones"
+
+    def check(self, advance: Callable[[int], None] | None = None) -> None:
+        """Raises DamagedData for bytes, columns or numbers that are not what they should be. Call
+        it before rows are read. `advance` is called with the number of bytes read.
+        """
+        if self.remote is not None:
+            self.remote.check()
+        parquet.check(*self.files, advance=advance)
 
 
 @dataclass(frozen=True)
@@ -113,8 +121,7 @@ class Catalog:
     def check(self) -> None:
         """Raises DamagedData for a table's file that should be there and is not."""
         for folder in self.releases:
-            if lost := folder.missing():
-                raise missing(lost)
+            folder.check()
         if is_root(self.path):
             for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "labels"):
                 manifest.check_complete(self.path, name)
@@ -384,10 +391,10 @@ def _links(root: Path, work: Path, releases: Iterable[ReleaseFolder]) -> Iterato
     released ones, which were made of more.
     """
     shards: dict[str, list[Path]] = {}
-    made = [(Layout(work).links, root)] if is_root(root) or work != root else []
-    released = [(one.path, one.path) for one in releases]
-    for place, home in [*made, *released] if is_root(root) else [*released, *made]:
-        for path in parquet_files(place):
+    made = [(parquet_files(Layout(work).links), root)] if is_root(root) or work != root else []
+    released = [(one.data, one.path) for one in releases]
+    for paths, home in [*made, *released] if is_root(root) else [*released, *made]:
+        for path in paths:
             named = _SHARD.fullmatch(path.name)
             if named and f"links/{named[1]}" in tables():
                 shards.setdefault(named[1], []).append(path)
@@ -400,5 +407,8 @@ def _links(root: Path, work: Path, releases: Iterable[ReleaseFolder]) -> Iterato
 def _view(
     schema: str, name: str, folder: Path, pattern: str, doc: str, home: Path
 ) -> Iterator[View]:
-    if files := parquet_files(folder, pattern):
+    files = parquet_files(folder, pattern)
+    if not is_root(home):  # no checksums describe what links in a stranger's folder lead to
+        files = [path for path in files if not path.is_symlink()]
+    if files:
         yield View(schema, name, files, doc, home)

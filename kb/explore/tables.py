@@ -40,13 +40,13 @@ class CurrentTables:
         """The columns of a table. Raises KeyError, DamagedData."""
         first = self.view(name).files[0]
         with reading([first]):
-            return frozenset(parquet.read_schema(first).names)
+            return frozenset(parquet.names(first))
 
     def count(self, name: str) -> int:
         """The rows of a table, 0 of one that is not there. Raises DamagedData."""
         files = self.view(name).files if name in self else []
         with reading(files):
-            return sum(parquet.read_footer(path).num_rows for path in files)
+            return sum(parquet.footer(path).num_rows for path in files)
 
     @contextmanager
     def asked(self, *names: str) -> Iterator[duckdb.DuckDBPyConnection]:
@@ -54,6 +54,8 @@ class CurrentTables:
         views = [self.view(name) for name in names]
         files = [path for view in views for path in view.files]
         with reading(files), connect(None, views) as con:
+            for view in views:
+                view.check()
             yield con
 
     def rows(self, name: str, sql: str, parameters: Sequence[Any] = ()) -> pa.Table:

@@ -49,7 +49,7 @@ from kb.schema.wiki_page import ancestors
 from kb.store.atomic import replacing_folder, writing
 from kb.store.layout import CAPTURED, Layout
 from kb.store.rawlog import sidefiles
-from kb.store.rawlog.sidefiles import captured_path
+from kb.store.rawlog.sidefiles import captured_file
 from kb.store.tables import database
 from kb.store.tables.merge import RowsByKey
 from kb.store.tables.reading import scan
@@ -329,7 +329,7 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
     """One image with its file beside the page; None where the wiki could not give the file."""
     if not row["path"]:
         return None
-    source = captured_path(root, row["path"])
+    source = captured_file(root, row["path"])
     name = source.name
     if row["media_type"] == "image/svg+xml":
         name = f"{row['sha256']}-{row['element_id']}.png"
@@ -347,10 +347,10 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
 
 def _copy(root: Path, path: str, target: Path) -> None:
     """A file beside the raw log. Raises DamagedData for one that is not what was stored."""
-    file = captured_path(root, path)
+    file = captured_file(root, path)
     if not sidefiles.is_intact(file):
         raise sidefiles.lost(root, CAPTURED, [file])
-    shutil.copyfile(file, target)
+    target.write_bytes(sidefiles.read_captured(root, path))
 
 
 def _crop(screenshot: Path, where: list[float | int], target: Path) -> None:

@@ -28,7 +28,7 @@ from kb.export.rows import check_rows, sorted_rows
 from kb.schema.tables import table
 from kb.store.layout import CAPTURED
 from kb.store.rawlog import sidefiles
-from kb.store.rawlog.sidefiles import captured_path
+from kb.store.rawlog.sidefiles import captured_file
 
 TAR_BYTES = 1 << 30
 _BLOCK = 512
@@ -113,7 +113,7 @@ def _screenshots(root: Path, lost: set[Path]) -> Iterator[Sample]:
     ]
     for row in sorted_rows(root, "wiki/pages", [*names, "screenshot_path"], ["page_id"]):
         about = {name: row[name] for name in names}
-        path = captured_path(root, row["screenshot_path"])
+        path = captured_file(root, row["screenshot_path"])
         yield _sample(f"{row['page_id']:09d}", path, about, lost)
 
 
@@ -131,7 +131,7 @@ def _images(root: Path, lost: set[Path]) -> Iterator[Sample]:
             images.setdefault(row["sha256"], (row["path"], {name: row[name] for name in names}))
     for sha256 in sorted(images):
         path, about = images[sha256]
-        yield _sample(sha256, captured_path(root, path), about, lost)
+        yield _sample(sha256, captured_file(root, path), about, lost)
 
 
 def _sample(name: str, file: Path, about: dict[str, Any], lost: set[Path]) -> Sample:

@@ -264,7 +264,7 @@ def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
 def with_ids(given: Path) -> Path:
     """The file, if it has the ids of pairs. Raises UsageError."""
     try:
-        if "pair_id" in parquet.read_schema(given).names:
+        if "pair_id" in parquet.names(given):
             return given
     except DamagedData:
         pass

@@ -81,7 +81,7 @@ class TextRestore:
         """As `RestoreJob.plan`. Raises DamagedData."""
         files = [path for one in self.content.of("pairs") for path in one.shards("pairs")]
         with reading(files):
-            rows = sum(parquet.read_footer(path).num_rows for path in files)
+            rows = sum(parquet.footer(path).num_rows for path in files)
         return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)] * self.wanted)
 
     def restore(self) -> Summary:
@@ -178,7 +178,7 @@ def _read(index: Path) -> pa.Table:
         )
     schema = table("pairs/pairs").arrow(released=True)
     with opening(index, pa.ArrowInvalid):
-        schemas = [parquet.read_schema(file) for file in files]
+        schemas = [parquet.footer(file).schema.to_arrow_schema() for file in files]
         lacking = [
             field.name
             for field in schema

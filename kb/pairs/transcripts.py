@@ -47,7 +47,7 @@ def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) 
 def rows(path: Path) -> int:
     """Transcripts in a file."""
     with reading([path]):
-        return int(parquet.read_footer(path).num_rows)
+        return int(parquet.footer(path).num_rows)
 
 
 def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text]:

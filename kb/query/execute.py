@@ -28,7 +28,7 @@ from kb.query.remote_duckdb import reading_views
 from kb.query.views import connect, find_views
 from kb.schema.tables import tables
 from kb.store.damage import unreadable
-from kb.store.tables import checksums, parquet
+from kb.store.tables import checksums
 from kb.store.tables.reading import broken
 
 _TABLE = re.compile(r'Table with name "?([^"!]+?)"? does not exist')
@@ -171,10 +171,12 @@ def _check(views: Sequence[View], progress: Progress) -> None:
     files = [path for view in views for path in view.files]
     size = checksums.unverified_size(files)
     if size < _QUICK:
-        parquet.check(*files)
+        for view in views:
+            view.check()
         return
     with progress.task("check the tables (once)", total=size, unit="bytes") as task:
-        parquet.check(*files, advance=task.advance)
+        for view in views:
+            view.check(task.advance)
 
 
 def _batches(

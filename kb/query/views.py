@@ -20,7 +20,7 @@ from kb.query.remote_duckdb import RemoteFiles, reading_views
 from kb.store.damage import opening
 from kb.store.state.tombstones import PERSON
 from kb.store.tables import database, parquet
-from kb.store.tables.reading import escaped, reading, scan
+from kb.store.tables.reading import escaped, library_paths, reading, scan, sql_of
 from kb.store.tables.remote_files import reading_at
 
 
@@ -55,8 +55,7 @@ def connect(
         if tables:
             tables.check()
     system = RemoteFiles()
-    _make(con, views, system)
-    files = {str(path) for view in views for path in view.files} | system.addresses
+    files = _make(con, views, system) | system.addresses
     # DuckDB checks the pattern, then the file.
     allowed = sorted(files | {escaped(file) for file in files})
     quoted = ("'" + file.replace("'", "''") + "'" for file in allowed)
@@ -78,8 +77,11 @@ def _open(root: Path | None, limits: Limits | None) -> duckdb.DuckDBPyConnection
     return con
 
 
-def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteFiles) -> None:
-    """Create the views; bare names in the default schema, so that SHOW TABLES lists each once."""
+def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteFiles) -> set[str]:
+    """Create the views; bare names in the default schema, so that SHOW TABLES lists each once. The
+    paths that they read on this machine.
+    """
+    paths: set[str] = set()
     for schema in SCHEMAS:
         con.execute(f"CREATE SCHEMA {schema}")
     if any(view.remote for view in views):
@@ -91,12 +93,18 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteF
                 con.execute(f"CREATE VIEW {view.full} AS FROM {scan(files)}")
             continue
         manifest.check_folder(view.files[0].parent)
+        if view.files[0].suffix == ".ndjson":
+            read_tombstones(view.files[0])  # DuckDB would take null for what is missing
+        mine = library_paths(view.files, values=False)  # `select` looks at rows that it reads
+        paths.update(mine)
+        read = sql_of(mine, view.files[0].suffix == ".ndjson")
         with opening(view.files[0].parent, duckdb.Error), reading(view.files):
             # Tombstones of people are for this data root's own commands.
             shown = f" WHERE NOT starts_with(key, '{PERSON}')" if view.lists_tombstones else ""
-            con.execute(f"CREATE VIEW {view.full} AS FROM {scan(view.files)}{shown}")
+            con.execute(f"CREATE VIEW {view.full} AS FROM {read}{shown}")
     for name, view in bare(views).items():
         con.execute(f"CREATE VIEW main.{name} AS FROM {view.full}")
+    return paths
 
 
 def catalog(views: Iterable[View]) -> list[ViewInfo]:
@@ -112,7 +120,7 @@ def catalog(views: Iterable[View]) -> list[ViewInfo]:
             rows, columns = table.num_rows, table.num_columns
         else:
             with reading(view.files):
-                footers = [parquet.read_footer(path) for path in view.files]
+                footers = [parquet.footer(path) for path in view.files]
             columns = len(footers[0].schema.to_arrow_schema())
             rows = sum(footer.num_rows for footer in footers)
         listing.append(ViewInfo(view.schema, view.name, rows, columns, view.doc))

@@ -25,6 +25,7 @@ from kb.core.installation import ds
 from kb.query.remote_duckdb import reading_views
 from kb.reader import html
 from kb.store.tables import parquet
+from kb.store.tables.checksums import library_path
 from kb.store.tables.reading import reading
 from kb.store.tables.remote_files import first_rows, parquet_dataset, reading_at
 
@@ -168,7 +169,7 @@ class TableView(RowSet):
             if self._is_list:
                 return ds.dataset(read_tombstones(self.view.files[0]))
             parquet.check(*self.view.files)
-            return parquet_dataset(list(map(str, self.view.files)))
+            return parquet_dataset(list(map(library_path, self.view.files)))
 
     @property
     def schema(self) -> pa.Schema:
@@ -176,8 +177,7 @@ class TableView(RowSet):
         if self._is_list or self.view.remote is not None:
             return self.dataset.schema
         with reading(self.view.files):
-            parquet.read_footer(self.view.files[0])
-            return parquet.read_schema(self.view.files[0])
+            return parquet.footer(self.view.files[0]).schema.to_arrow_schema()
 
     @with_hints
     def to_table(
@@ -210,7 +210,7 @@ class TableView(RowSet):
         with self._reading():
             if self._is_list or self.view.remote is not None:
                 return int(self.dataset.count_rows())
-            return sum(parquet.read_footer(path).num_rows for path in self.view.files)
+            return sum(parquet.footer(path).num_rows for path in self.view.files)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -373,7 +373,8 @@ class OpenTables:
         used = [view for view in self.views if view.name in sql]
         files = [path for view in used for path in view.files]
         with reading(files), reading_views(used):
-            parquet.check(*files)
+            for view in used:
+                view.check()
             return self.con.sql(sql, params=list(parameters)).to_arrow_table()
 
     def folders(self) -> list[str]:

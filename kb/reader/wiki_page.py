@@ -15,14 +15,18 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, cast
 
+import pyarrow as pa
+
 from kb import query
 from kb.artifacts.table_catalog import View
 from kb.core.errors import DamagedData, KbError, UsageError
-from kb.core.regular_file import read_regular
 from kb.reader import html
 from kb.reader.tables import OpenTables, QueryResult, needs, with_hints
-from kb.store.damage import DOWNLOAD, missing, opening, short_lines, unreadable
-from kb.store.rawlog.sidefiles import captured_path
+from kb.schema.conformity import value_problem
+from kb.schema.tables import table
+from kb.store.damage import DOWNLOAD, missing, open_file, opening, unreadable
+from kb.store.rawlog.sidefiles import read_captured
+from kb.store.tables.checksums import opened, short_lines
 from kb.store.tables.remote_files import RemoteFolder, reading_at
 
 if TYPE_CHECKING:
@@ -95,6 +99,7 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     needs("PIL", install="pillow")
     from PIL import Image
 
+    _check_size(row)
     data, where = stored_png(home, row["screenshot_path"])
     scale = row["device_pixel_ratio"]
     wanted = [round(row["page_width"] * scale), round(row["page_height"] * scale)]
@@ -115,6 +120,16 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     finally:
         Image.MAX_IMAGE_PIXELS = limit
     return opened
+
+
+def _check_size(row: dict[str, Any]) -> None:
+    """Raises DamagedData for sizes of no page: of a release at an address only the footers of its
+    files were looked at.
+    """
+    for name in ("page_width", "page_height", "device_pixel_ratio"):
+        column = table("wiki/pages").column(name)
+        if what := value_problem(column, pa.array([row[name]])):
+            raise DamagedData(f"the page {row['page_id']}: {what}", hint=DOWNLOAD)
 
 
 def outlined(image: Picture, boxes: Iterable[Box], scale: float) -> Picture:
@@ -142,20 +157,18 @@ def stored_png(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
         return _remote_member(home, tar, member), f"{home}/{tar}: {member}"
     if slash and tar.endswith(".tar") and "/" not in member:
         return _member(home / tar, member), f"{home / tar}: {member}"
-    file = captured_path(home, path)
-    with opening(file):
-        return read_regular(file), str(file)
+    return read_captured(home, path), str(home / path)
 
 
 def _member(tar: Path, member: str) -> bytes:
-    if not tar.is_file():
+    if not tar.exists():
         raise missing([tar], "download it into the folder of the tables")
     index = tar.parent / INDEX
-    entries = _read(index, index.stat().st_mtime_ns) if index.is_file() else {}
+    entries = _read(index, index.stat().st_mtime_ns) if index.exists() else {}
     entry = entries.get((tar.name, member))
     if entry is None:
         return _searched(tar, member)
-    with tar.open("rb") as file:
+    with opening(tar), open_file(tar, DOWNLOAD) as file:  # the entry describes the very bytes
         return _verified(file, entry, str(tar))
 
 
@@ -179,9 +192,9 @@ def _verified(file: BinaryIO, entry: dict[str, Any], tar: str) -> bytes:
 def _searched(tar: Path, member: str) -> bytes:
     """A member found without an index, by reading the tar from its start."""
     try:
-        with tarfile.open(tar, "r:") as opened:
-            entry = opened.getmember(member)
-            file = opened.extractfile(entry) if entry.isreg() and entry.size <= _BYTES else None
+        with opened(tar, DOWNLOAD) as stored, tarfile.open(fileobj=stored, mode="r:") as archive:
+            entry = archive.getmember(member)
+            file = archive.extractfile(entry) if entry.isreg() and entry.size <= _BYTES else None
             if file is not None:
                 return file.read()
     except (tarfile.TarError, KeyError, OSError, ValueError, RecursionError) as error:

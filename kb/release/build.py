@@ -16,6 +16,7 @@ from duckdb import DuckDBPyConnection
 
 from kb.artifacts import domain_binding, freshness, manifest
 from kb.artifacts.release_folder import (
+    KEYWORDS,
     TOMBSTONES,
     ReleasedTable,
     ReleaseFolder,
@@ -154,8 +155,8 @@ def write(run: Run, folder: ReleaseFolder) -> Facts:
             },
             **provenance.files(run, folder.source, changed),
         }
-        if provenance.KEYWORDS not in texts:
-            (folder.path / provenance.KEYWORDS).unlink(missing_ok=True)
+        if KEYWORDS not in texts:
+            (folder.path / KEYWORDS).unlink(missing_ok=True)
         for name, text in texts.items():
             write_text(folder.path / name, text)
             task.advance()

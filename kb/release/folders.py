@@ -7,6 +7,7 @@ from pathlib import Path
 
 from kb.artifacts import release_folder
 from kb.artifacts.release_folder import (
+    KEYWORDS,
     TOMBSTONES,
     ReleaseFolder,
     entries,
@@ -21,9 +22,10 @@ from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
 from kb.store.artifact_registry import SUMS
 from kb.store.atomic import write_bytes
-from kb.store.damage import DOWNLOAD, missing, read_small
+from kb.store.damage import DOWNLOAD, missing
 from kb.store.layout import Layout
-from kb.store.tables.checksums import digest
+from kb.store.tables import parquet
+from kb.store.tables.checksums import digest, read_small
 
 Folders = Sequence[ReleaseFolder]
 
@@ -33,7 +35,7 @@ REQUIRED = (
     *("README.md", "DATASHEET.md", "CITATION.cff", "LICENSE", "croissant.json"),
     *(PROFILE_FILE, "provenance.json", DEPOSIT, SUMS),
 )
-OPTIONAL = (TOMBSTONES, "keywords.tsv")
+OPTIONAL = (TOMBSTONES, KEYWORDS)
 
 
 def in_root(root: Path) -> list[ReleaseFolder]:
@@ -87,20 +89,24 @@ def find(places: Sequence[Path]) -> list[ReleaseFolder]:
 
 
 def verify(run: Run, releases: Folders) -> None:
-    """Compare every file with SHA256SUMS. Raises DamagedData for the first that differs."""
+    """Compare every file with SHA256SUMS, and tables with what schemas/ declare. Raises DamagedData
+    for the first that differs.
+    """
     for one in releases:
         sums = _sums(one.path)
+        one.check()
         for path in one.data:
             if path.name not in sums and path.suffix == ".parquet":
                 raise DamagedData(f"{path} is not in {SUMS}", hint=f"remove it, or {DOWNLOAD}")
         with run.progress.task(f"verify {one.path.name}", len(sums), "files") as task:
             for name, wanted in sums.items():
                 path = one.path / name
-                if not path.is_file():
+                if not path.exists():
                     raise missing([path], DOWNLOAD)
                 if digest(path) != wanted:
                     raise DamagedData(f"{path} differs from {SUMS}", hint=DOWNLOAD)
                 task.advance()
+        parquet.check_release(*(shard for part in one.parts for shard in part.shards))
 
 
 def _sums(folder: Path) -> dict[str, str]:
@@ -118,7 +124,7 @@ def _sums(folder: Path) -> dict[str, str]:
 def keep_profile(root: Path, releases: Folders) -> None:
     """Copy the releases' profile and keywords next to the restored data, for later commands."""
     own = profile_of(releases)
-    for path in (own, own.with_name("keywords.tsv")) if own else ():
+    for path in (own, own.with_name(KEYWORDS)) if own else ():
         if path.is_file():
             write_bytes(Layout(root).restored() / path.name, read_small(path, DOWNLOAD))
 

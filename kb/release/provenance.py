@@ -21,7 +21,7 @@ import msgspec
 import pyarrow as pa
 
 from kb import __version__
-from kb.artifacts.release_folder import ReleaseFolder
+from kb.artifacts.release_folder import KEYWORDS, ReleaseFolder
 from kb.core.config.profile import Profile
 from kb.core.config.profile.base import read_text
 from kb.core.context import Run
@@ -64,7 +64,7 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
     parquet.check(before)
     hint = "remove it; changes since that version will be unknown"
     with opening(before, pa.ArrowException, duckdb.Error, ValueError, hint=hint):
-        recorded = json.loads((parquet.read_schema(before).metadata or {}).get(_ABOUT, b"{}"))
+        recorded = json.loads((parquet.footer(before).metadata or {}).get(_ABOUT, b"{}"))
         with database.asking() as con:
             con.register("now", _keys(folder))
             counted = con.execute(
@@ -112,7 +112,7 @@ def _keys(folder: ReleaseFolder) -> pa.Table:
     return pa.concat_tables(parts)
 
 
-KEYWORDS, PROVENANCE = "keywords.tsv", "provenance.json"
+PROVENANCE = "provenance.json"
 _COLUMNS = "keyword\tkind\trule\tforms"
 
 

@@ -75,7 +75,7 @@ class ReportData:
         """SQL for the rows of a table, with nulls for declared columns that a release lacks."""
         source, _, short = name.partition("/")
         declared = table(name if name in tables() else f"shared/{short}").arrow()
-        there = set(parquet.read_schema(files[0]).names)
+        there = set(parquet.names(files[0]))
         lacking = [field for field in declared if field.name not in there]
         if not lacking:
             return scan(files)

@@ -84,6 +84,8 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     values      the words that a text column may hold; the release gate refuses others
     words       what people read in place of a value, by value; one without reads as it is
     pattern     a regular expression that each whole text of the column has; checked there as well
+    range       the smallest and the largest number of the column, also within lists and structs;
+                the release gate and every reader of a release refuse others (NaN is none)
     also        further raw kinds that have the value, each as in `from`
     """
 
@@ -99,6 +101,7 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     values: Annotated[tuple[str, ...], Meta(min_length=1)] = ()
     words: tuple[tuple[str, Line], ...] = ()
     pattern: str = ""
+    range: tuple[float, float] | None = None
     also: tuple[Origin, ...] = ()
 
     def __post_init__(self) -> None:
@@ -112,6 +115,10 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
             re.compile(self.pattern)
         except re.error as error:
             raise ValueError(f"`pattern` is not a regular expression: {error}") from None
+        if self.range is not None and not re.search("int|float", self.type):
+            raise ValueError("`range` is for columns of numbers")
+        if self.range is not None and not self.range[0] <= self.range[1]:
+            raise ValueError("`range` names the smallest number first")
 
     @cached_property
     def parsed(self) -> Type:

@@ -21,6 +21,7 @@ from kb.search.ranking import IndexedTerm, Only, Ranked, Weights, rank
 from kb.search.tantivy_index import PassageIndex
 from kb.store.layout import Layout
 from kb.store.tables import parquet
+from kb.store.tables.checksums import library_path
 from kb.store.tables.reading import reading
 
 MARK = "**"  # around matching words
@@ -265,8 +266,9 @@ def keys(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
     linked: dict[str, set[str]] = {source: set() for source in sources}
     files = Catalog(root.absolute()).files("links/links")
     with reading(files):
+        parquet.check(*files)
         rows = pq.read_table(
-            [str(path) for path in files],
+            [library_path(path) for path in files],
             columns=["source", "key"],
             filters=[("entity", "=", name)],
             page_checksum_verification=True,

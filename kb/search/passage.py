@@ -74,7 +74,7 @@ def batches(root: Path, name: str, columns: list[str]) -> Iterator[pa.Table]:
     catalog, declared = Catalog(root.absolute()), table(name)
     files = catalog.texts(name)
     with reading(files):
-        names = set(columns).intersection(*(parquet.read_schema(path).names for path in files))
+        names = set(columns).intersection(*(parquet.names(path) for path in files))
     there = [column for column in columns if column in names]
     scratch = None if catalog.is_writable else catalog.cached
     merge = Merge(files, order(declared), there, ahead=_AHEAD, scratch=scratch)

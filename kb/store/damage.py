@@ -17,7 +17,6 @@ from kb.store.exhausted import is_out_of_memory
 from kb.store.layout import Layout
 
 DOWNLOAD = "download it again, into the same folder"
-LINE = 1_000_000  # bytes of a line of JSON
 SMALL = 50_000_000  # bytes of a file that is read as a whole: checksums, tombstones, metadata
 
 
@@ -71,25 +70,3 @@ def open_file(path: Path, hint: str = "") -> BufferedReader:
         return open_regular(path)
     except NotRegular as error:
         raise unreadable(path, error, hint) from None
-
-
-def short_lines(path: Path, hint: str = "") -> Iterator[bytes]:
-    """The lines of a file of a stranger's folder: no link, and at most LINE bytes in a line. Raises
-    DamagedData.
-    """
-    with opening(path, hint=hint), open_regular(path, links=False) as file:
-        while line := file.readline(LINE + 1):
-            if len(line) > LINE:
-                raise unreadable(path, f"a line has more than {LINE:,} bytes", hint)
-            yield line
-
-
-def read_small(path: Path, hint: str = "") -> bytes:
-    """A file of a stranger's folder as a whole: no link, and at most SMALL bytes. Raises
-    DamagedData.
-    """
-    with opening(path, hint=hint), open_regular(path, links=False) as file:
-        data = file.read(SMALL + 1)
-    if len(data) > SMALL:
-        raise unreadable(path, f"it has more than {SMALL:,} bytes", hint)
-    return data

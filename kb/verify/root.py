@@ -18,13 +18,15 @@ from kb.artifacts import manifest, release_folder
 from kb.artifacts.table_catalog import Catalog, empty, existing, is_root
 from kb.core.errors import DamagedData
 from kb.core.progress import Progress
+from kb.core.regular_file import NotRegular, check_regular
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.schema.tables import table
 from kb.store import leftovers, lock
 from kb.store.artifact_registry import ARTIFACTS, SUMS, artifact_of
-from kb.store.damage import DOWNLOAD, read_small, remedy, short_lines
+from kb.store.damage import DOWNLOAD, remedy
 from kb.store.layout import VERDICTS, Layout, parquet_files
 from kb.store.tables import checksums, database
+from kb.store.tables.checksums import read_small, short_lines
 from kb.store.tables.reading import scan
 from kb.store.walk import walk
 from kb.verify import raw
@@ -33,7 +35,7 @@ from kb.verify.findings import Findings
 
 _CHECKS = 3
 CROISSANT = "croissant.json"
-_PLAIN = {".gitkeep"}
+_PLAIN = {".gitkeep", ".gitattributes", ".git"}  # a release may be the checkout of a repository
 
 
 def check_release(
@@ -42,7 +44,9 @@ def check_release(
     """Every file of a release folder; `described`: it should have SHA256SUMS."""
     sums = path / SUMS
     known, invalid = release_folder.sums(path)
-    if sums.is_file() and (not known or invalid):
+    if what := _irregular(sums):
+        findings.damaged("release", sums, what, advice(sums))
+    elif sums.is_file() and (not known or invalid):
         findings.damaged("release", sums, "is not a list of checksums", advice(sums))
     elif sums.is_file():
         findings.intact("release", sums)
@@ -52,18 +56,33 @@ def check_release(
     for name, file in there.items():
         if file == sums or name in _PLAIN:
             continue
-        if file.is_symlink() or not file.is_file():
+        if name not in known and (file.is_symlink() or file.is_dir()):
             findings.foreign(
                 "release", file, "a release is flat, with files of its own", "move it away"
             )
         elif known and name not in known:
             findings.foreign("release", file, f"is not in {SUMS}", "move it away")
+        elif what := _irregular(file):
+            findings.damaged("release", file, what, advice(file))
+        elif not file.exists():
+            findings.missing("release", file, advice(file), "is a link that leads nowhere")
         else:
             _file(findings, file, known.get(name), advice(file))
     for name in sorted((known.keys() | manifest.siblings(there)) - there.keys()):
         findings.missing("release", path / name, advice(path / name))
     if known:
         _metadata(findings, path / CROISSANT, known, advice)
+
+
+def _irregular(path: Path) -> str:
+    """What a path is that is no regular file, "" for one and where nothing is."""
+    try:
+        check_regular(path)
+    except NotRegular as error:
+        return str(error).removeprefix(f"{path} ")
+    except OSError:
+        return ""
+    return ""
 
 
 def _file(findings: Findings, path: Path, wanted: str | None, advice: str) -> None:
@@ -225,12 +244,12 @@ def _two_answers(findings: Findings, root: Path, source: str) -> None:
     all_files = [file for _, files in keys for file in files]
     if not all_files:
         return
-    parts = [f"SELECT {key} AS key FROM {scan(files)}" for key, files in keys if files]
-    sql = f"SELECT count(*) - count(DISTINCT key) FROM ({' UNION ALL '.join(parts)})"
     try:
+        parts = [f"SELECT {key} AS key FROM {scan(files)}" for key, files in keys if files]
+        sql = f"SELECT count(*) - count(DISTINCT key) FROM ({' UNION ALL '.join(parts)})"
         with database.over(all_files, root) as con:
             more = (con.execute(sql).fetchone() or (0,))[0]
-    except duckdb.Error as error:
+    except (duckdb.Error, DamagedData) as error:
         findings.damaged("clean", clean, str(error).splitlines()[0], remedy(clean / "x"))
         return
     if more:

@@ -73,7 +73,7 @@ def names(purge: Purge) -> Names:
         removed = str(answer["page_id"]) in keys
         shown[removed] |= {file["key"]: file["title"] for file in answer["files"]}
         folder = root / answer["folder"]
-        if is_captured_path(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
+        if is_captured_path(answer["folder"]) and (folder / "extraction.json.zst").exists():
             sprites = tables.read_extraction(root, folder)["sprites"]
             paths[removed] |= {str(BELOW.images / f"{name}.png") for name in sprites.values()}
     addresses = shown[True].keys() - shown[False].keys()

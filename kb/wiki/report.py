@@ -6,6 +6,7 @@ and a part of the first at its own size.
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -27,6 +28,7 @@ from kb.look.charts import (
 from kb.report.data import ReportData
 from kb.report.figures import dates, funnel, toxicity, values
 from kb.store.damage import opening
+from kb.store.rawlog import sidefiles
 
 _PAGES = "wiki/pages"
 
@@ -193,7 +195,7 @@ def _crop(data: ReportData, number: int, width: float, shown: float) -> DrawnBox
 def _screenshot(data: ReportData, shot: str, width: float, shown: float) -> Any:
     """The upper part of the screenshot, or None when the file is not there. Raises DamagedData."""
     path = data.root / shot
-    if not path.is_file():
+    if not path.exists():
         return None
     from PIL import Image
 
@@ -201,7 +203,8 @@ def _screenshot(data: ReportData, shot: str, width: float, shown: float) -> Any:
     Image.MAX_IMAGE_PIXELS = None
     hint = "restore it from a copy, or remove it: the figure then has the boxes alone"
     # What Pillow raises for a damaged file.
-    with opening(path, SyntaxError, ValueError, hint=hint), Image.open(path) as opened:
+    png = io.BytesIO(sidefiles.read_captured(data.root, shot))
+    with opening(path, SyntaxError, ValueError, hint=hint), Image.open(png) as opened:
         high = min(opened.height, round(shown * opened.width / width))
         return opened.crop((0, 0, opened.width, high)).convert("RGB")
 

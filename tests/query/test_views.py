@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import duckdb
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -108,13 +107,14 @@ def test_clean_and_released_rows_go_first(root: Path, make_rows) -> None:
     assert rows(root, "SELECT count(*) FROM restored.reddit_posts") == [(2,)]
 
 
-def test_links(root: Path) -> None:
+def test_links(root: Path, make_rows) -> None:
     (root / "links").mkdir()
-    one = pa.table({"entity": ["Creeper"]})
-    pq.write_table(one, root / "links" / "entities.parquet")
+    entities = make_rows("links/entities", 1, entity=["Creeper"])
+    pq.write_table(entities, root / "links" / "entities.parquet")
     for number in range(2):
-        pq.write_table(one, root / "links" / f"links-{number:05d}-of-00002.parquet")
-    assert rows(root, "FROM links.entities") == [("Creeper",)]
+        links = make_rows("links/links", 1)
+        pq.write_table(links, root / "links" / f"links-{number:05d}-of-00002.parquet")
+    assert rows(root, "SELECT entity FROM links.entities") == [("Creeper",)]
     assert rows(root, "SELECT count(*) FROM links.links") == [(2,)]
     assert rows(root, "SELECT count(*) FROM links") == [(2,)]
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.artifacts import freshness
-from kb.artifacts.release_folder import entries
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
 from kb.core import clock
@@ -70,12 +69,8 @@ def overview(run: Run) -> dict[str, Any]:
     if run.profile.path != Path() and not catalog.is_download:
         outdated = freshness.plan(run, freshness.graph(run))
         stale = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
-    if catalog.is_download and catalog.releases:  # of which no link is followed
-        disk = {
-            one.path.name: sum(file.lstat().st_size for file in entries(one.path))
-            for one in catalog.releases
-        }
-    else:
+    disk = {one.path.name: one.size for one in catalog.releases} if catalog.is_download else {}
+    if not disk:
         folders = [run.root / name for name in (*TOP, "demo") if (run.root / name).is_dir()]
         disk = {path.name: _size(path) for path in folders}
     collected = any(about["rows"] or about["phases"] for about in sources.values())
@@ -188,7 +183,7 @@ def _schema_rows(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
         one = named.get(view.full)
         if one is not None and one.source == source and one.short != "missing":
             with reading.reading(view.files):
-                counts[one.short] = sum(parquet.read_footer(file).num_rows for file in view.files)
+                counts[one.short] = sum(parquet.footer(file).num_rows for file in view.files)
     return _in_order(counts)
 
 

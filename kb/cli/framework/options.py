@@ -19,7 +19,7 @@ import typer.main
 from kb.cli.framework.messages import warn, with_options
 from kb.core import clock, terminal
 from kb.core.config.pipeline import load, locate
-from kb.core.errors import MissingExtra, ProfileError, SettingError
+from kb.core.errors import DamagedData, MissingExtra, ProfileError, SettingError
 from kb.core.progress import LineProgress, Progress, Task
 
 if TYPE_CHECKING:
@@ -209,7 +209,7 @@ def _profile(name: str | None, root: Path, needs: str) -> Profile:
         if bound is None:
             return load_profile(domain_binding.profile_of(root) or DEFAULT)
         profile, note = domain_binding.load(root, bound)
-    except ProfileError as error:
+    except (ProfileError, DamagedData) as error:
         if needs == "profile":
             raise
         warn(f"{error}; {error.hint}" if error.hint else str(error))

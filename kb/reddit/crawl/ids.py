@@ -23,8 +23,8 @@ from kb.crawl.id_list import (
     is_parquet,
     readable,
 )
-from kb.store.damage import read_small
 from kb.store.tables import parquet
+from kb.store.tables.checksums import read_small
 
 Ids = Path | str | Iterable[str | Path] | None
 """A file or folder of ids, several of them, or full names; None: the data root's own release."""
@@ -83,7 +83,7 @@ class FullNames:
         self.listed, self.files = listed, files
         columns = [(path, column_of(path, RULES.option, tuple(_PREFIXES))) for path in files]
         self._columns = [(path, column, _PREFIXES[column]) for path, column in columns]
-        self._rows = sum(parquet.read_footer(path).num_rows for path in files)
+        self._rows = sum(parquet.footer(path).num_rows for path in files)
 
     def __len__(self) -> int:
         return len(self.listed) + self._rows
@@ -218,7 +218,7 @@ def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.T
     tables = []
     columns: list[tuple[str, pa.DataType]] = [(key, pa.string()), (name, pa.int64())]
     for file in files:
-        if is_parquet(file) and {key, name} <= set(parquet.read_schema(file).names):
+        if is_parquet(file) and {key, name} <= set(parquet.names(file)):
             rows = parquet.read_table(file, columns=[key, name])
             tables.append(rows.cast(pa.schema(columns)))
     return pa.concat_tables(tables) if tables else None

@@ -306,7 +306,7 @@ def _load(out: Path) -> Done:
         return Done()
     try:
         names = [one.declared.short for one in tables.TABLES]
-        missing = parquet.read_footer(out / MISSING).num_rows
+        missing = parquet.footer(out / MISSING).num_rows
         counts = tables.folder_of(out).counts() | {MISSING: missing}
         if counts == done.counts and all(parquet_files(out / name) for name in names):
             return done

@@ -196,7 +196,7 @@ def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
         )
         return [GateProblem("licence", where, what)]
     problems = []
-    main = sum(parquet.read_footer(shard).num_rows for shard in folder.shards(of.main))
+    main = sum(parquet.footer(shard).num_rows for shard in folder.shards(of.main))
     if named and (unnamed := main - sum(named.values())):
         what = f"{unnamed:,} rows name no licence, though others do; run `kb wiki crawl --again`"
         problems.append(GateProblem("licence", f"{folder.source}/pages", what))

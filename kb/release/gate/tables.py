@@ -5,7 +5,7 @@ their age, and whether every text has been scored.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from kb.core.sources import PUBLISHED, SOURCES, made_by, made_of
 from kb.release.folders import samples
 from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, released_tables, table
+from kb.schema.conformity import column_problems, value_problem
 from kb.schema.tables import Column
 from kb.store.layout import Layout
 from kb.store.tables import database, parquet
@@ -64,21 +65,16 @@ def _shard(path: Path, declared: Table, source: str) -> list[GateProblem]:
     """Problems of one Parquet file."""
     where = f"{source}/{path.name}"
     try:
-        with parquet.open_file(path) as file:
+        with parquet.open_stored(path) as file:
             schema = file.schema_arrow
-        problems = _columns(declared, schema.names, where)
-        for field in declared.arrow(True):
-            if field.name in schema.names and schema.field(field.name).type != field.type:
-                what = (
-                    f"column {field.name} is {schema.field(field.name).type}, schemas/ says"
-                    f" {declared.column(field.name).type}"
-                )
-                problems.append(GateProblem("undescribed", where, what))
-        if problems:
-            return problems
+            if problems := _columns(declared, schema, where):
+                return problems
+            with reading([path]):
+                outside = dict(reversed([*parquet.value_problems(file, declared)]))
+        problems = [GateProblem("undescribed", where, what) for what in outside.values()]
         columns = [column for column in declared.columns if column.released]
         with reading([path]), database.asking() as con:
-            return _values(con, scan([path]), columns, declared, where, source)
+            return problems + _values(con, scan([path]), columns, declared, where, source)
     except DamagedData as error:
         return [damaged(where, error, "export it again")]
 
@@ -95,7 +91,11 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
     except (ValueError, OSError) as error:
         return [damaged(where, error, "run `kb release` again")]
     names = dict.fromkeys(name for row in rows for name in row)
-    if rows and (undeclared := _columns(declared, names, where)):
+    schema = declared.arrow(True)
+    there = [
+        schema.field(name) if name in schema.names else pa.field(name, pa.null()) for name in names
+    ]
+    if rows and (undeclared := _columns(declared, pa.schema(there), where)):
         return undeclared
     problems, arrays = [], {}
     for field in declared.arrow(True):
@@ -104,6 +104,8 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
             if pa.types.is_timestamp(field.type):  # as ISO 8601
                 values = [None if one is None else datetime.fromisoformat(one) for one in values]
             arrays[field.name] = pa.array(values, field.type)
+            if what := value_problem(declared.column(field.name), arrays[field.name]):
+                problems.append(GateProblem("undescribed", where, what))
         except (pa.ArrowException, ValueError, TypeError, OverflowError):
             what = (
                 f"column {field.name} contains other values than {declared.column(field.name).type}"
@@ -115,12 +117,11 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
         return problems + _values(con, "rows", columns, declared, where, source)
 
 
-def _columns(declared: Table, names: Collection[str], where: str) -> list[GateProblem]:
-    """Columns that the schema does not declare or release, and those that are missing."""
+def _columns(declared: Table, stored: pa.Schema, where: str) -> list[GateProblem]:
+    """Columns that the schema does not declare or release, and those that are not as declared."""
     known = {column.name: column for column in declared.columns}
-    expected = declared.names(released=True)
     problems = []
-    for name in names:
+    for name in dict.fromkeys(stored.names):
         column = known.get(name)
         if column is None:
             what = f"column {name} is not described in schemas/"
@@ -129,9 +130,8 @@ def _columns(declared: Table, names: Collection[str], where: str) -> list[GatePr
             kind = "content" if column.content else "unreleased"
             problems.append(GateProblem(kind, where, f"column {name} may not be released"))
     return problems + [
-        GateProblem("undescribed", where, f"column {name} is missing")
-        for name in expected
-        if name not in names
+        GateProblem("undescribed", where, what)
+        for _, what in column_problems(declared, stored, released=True)
     ]
 
 
@@ -241,7 +241,7 @@ def _damaged_clean(root: Path, declared: Table) -> list[GateProblem]:
 
 def _numbers(root: Path, source: str, part: ReleasedTable) -> list[GateProblem]:
     released, clean = (
-        sum(parquet.read_footer(path).num_rows for path in paths)
+        sum(parquet.footer(path).num_rows for path in paths)
         for paths in (part.shards, Layout(root).rows(part.table.name))
     )
     if released == clean:

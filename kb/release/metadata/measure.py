@@ -274,9 +274,7 @@ def _ways(con: DuckDBPyConnection, root: Path, source: str) -> Iterator[Way]:
 
 def _table(con: DuckDBPyConnection, part: ReleasedTable) -> TableFacts:
     files = tuple(
-        DataFile(
-            shard.name, shard.stat().st_size, parquet.read_footer(shard).num_rows, digest(shard)
-        )
+        DataFile(shard.name, shard.stat().st_size, parquet.footer(shard).num_rows, digest(shard))
         for shard in part.shards
     )
     released = [column for column in part.table.columns if column.released]
@@ -373,4 +371,4 @@ def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[s
 
 
 def _count(folder: Path) -> int:
-    return sum(parquet.read_footer(file).num_rows for file in parquet_files(folder))
+    return sum(parquet.footer(file).num_rows for file in parquet_files(folder))

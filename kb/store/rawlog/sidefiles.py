@@ -12,12 +12,14 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Collection, Iterable
+from hashlib import sha256
 from pathlib import Path
 
 from kb.core.errors import DamagedData
 from kb.core.regular_file import read_regular
 from kb.store.artifact_registry import SUMS
 from kb.store.atomic import append, sync_folder, write_bytes
+from kb.store.damage import open_file, opening, unreadable
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.tables.checksums import digest, listed, parsed
@@ -139,27 +141,16 @@ def _list(root: Path, source: str) -> Path:
     return Layout(root).state_folder(source) / "damaged-files.txt"
 
 
-def is_captured_path(root: Path, path: str) -> bool:
-    """Whether `path`, relative to the data root, names a place in raw/wiki that a crawl wrote.
-
-    Folders in it may be links to another disk. A file that is then elsewhere has to be what its
-    digest describes, so that no link shows another file.
+def is_captured_path(path: str) -> bool:
+    """Whether a path, relative to a data root, names a place in raw/wiki. Folders on the way may be
+    links.
     """
-    place = root / path
-    if place.resolve().is_relative_to(Layout(root).raw(CAPTURED).resolve()):
-        return True
-    if not _names_captured(path):
-        return False
-    return place.is_dir() or (expected(place) is not None and is_intact(place))
-
-
-def _names_captured(path: str) -> bool:
-    return ".." not in Path(path).parts and Path(path).is_relative_to(BELOW.raw(CAPTURED))
+    return Path(path).is_relative_to(BELOW.raw(CAPTURED)) and ".." not in Path(path).parts
 
 
 def captured_path(root: Path, path: str) -> Path:
     """The place of a captured page or image. Raises DamagedData for a path outside raw/wiki."""
-    if not is_captured_path(root, path):
+    if not is_captured_path(path):
         raise DamagedData(
             f"the wiki's data name {path!r}, which is not in {Layout(root).raw(CAPTURED)}",
             hint="those raw files are not from a crawl: move them away",
@@ -171,10 +162,10 @@ def remove_image(root: Path, path: str) -> None:
     """Remove an image that a crawl stored, if it is there, what was set aside of it, and what a
     link in its place leads to.
     """
-    place = root / path
-    is_named = _names_captured(path) and _NAMED.fullmatch(place.name)  # damaged, on another disk
-    if not is_named and not is_captured_path(root, path):  # no crawl wrote it
-        return
+    place, raw = root / path, Layout(root).raw(CAPTURED).resolve()
+    is_inside = place.resolve().is_relative_to(raw)
+    if not is_captured_path(path) or not (is_inside or _NAMED.fullmatch(place.name)):
+        return  # no crawl wrote it
     _remove(place)
     quarantine_path(place).unlink(missing_ok=True)
 
@@ -200,3 +191,26 @@ def _remove(path: Path) -> None:
     if path.is_symlink() and expected(path) is not None and is_intact(path):
         path.resolve().unlink()
     path.unlink(missing_ok=True)
+
+
+def captured_file(root: Path, path: str) -> Path:
+    """The place of a captured page or image, whose bytes are yet to be compared with what is
+    `expected` of it. Raises DamagedData for a path outside raw/wiki, and where a link leads out of
+    the data root to a file of which nothing is expected.
+    """
+    file = captured_path(root, path)
+    if expected(file) is None and not file.resolve().is_relative_to(root.resolve()):
+        raise unreadable(file, "it leads out of the data root, and no checksum describes it")
+    return file
+
+
+def read_captured(root: Path, path: str) -> bytes:
+    """The bytes of a captured page or image. Raises DamagedData as `captured_file`, and for bytes
+    that are not what was stored.
+    """
+    file = captured_file(root, path)
+    with opening(file), open_file(file) as opened:
+        data = opened.read()
+    if expected(file) not in (None, sha256(data).hexdigest()):
+        raise unreadable(file, "it is not what was stored")
+    return data

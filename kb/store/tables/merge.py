@@ -94,7 +94,7 @@ def _is_sorted(path: Path, by: list[str]) -> bool:
     """Whether the file says that each of its row groups, and they one after another,
     are in this order.
     """
-    file = parquet.read_footer(path)
+    file = parquet.footer(path)
     names = [file.schema.column(index).path for index in range(file.num_columns)]
     for index in range(file.num_row_groups):
         marks = file.row_group(index).sorting_columns

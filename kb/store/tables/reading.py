@@ -8,7 +8,7 @@ with reading(files):                    # what a library says of a broken file b
 import contextlib
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,14 @@ import msgspec
 import pyarrow as pa
 
 from kb.core.errors import DamagedData
-from kb.core.regular_file import check_regular
+from kb.schema.conformity import column_problems
 from kb.schema.tables import table, tables
-from kb.store.damage import opening, unreadable
+from kb.store.damage import unreadable
 from kb.store.exhausted import is_out_of_memory
 from kb.store.layout import Layout
 from kb.store.state import json_files
 from kb.store.state.frontier import Frontier
-from kb.store.tables import parquet
+from kb.store.tables import checksums, parquet
 
 SANDBOX_MODEL = "lorecrawl_tiny"  # what its scores say means nothing about real texts
 
@@ -65,14 +65,10 @@ def _other(path: Path) -> str:
     name = _declared(path)
     if name not in tables() or path.suffix == ".ndjson":
         return ""
-    with parquet.open_file(path) as file:
+    with parquet.open_stored(path) as file:
         stored = file.schema_arrow
-    for field in table(name).arrow():
-        if field.name not in stored.names:
-            return f"it has no column {field.name}"
-        if _plain(stored.field(field.name).type) != _plain(field.type):
-            return f"its column {field.name} is {stored.field(field.name).type}, not {field.type}"
-    return ""
+    problems = column_problems(table(name), stored, released=False)
+    return next((what for _, what in problems), "")
 
 
 def _declared(path: Path) -> str:
@@ -93,24 +89,43 @@ def _declared(path: Path) -> str:
     return ""
 
 
-def _plain(kind: pa.DataType) -> pa.DataType:
-    return kind.value_type if isinstance(kind, pa.DictionaryType) else kind
-
-
 def filtered(root: Path, source: str) -> dict[str, Any]:
     """The summary of the source's last filter, {} when there was none. Raises DamagedData."""
     return json_files.read(Layout(root).summary(source), dict[str, Any]) or {}
 
 
 def scan(files: Iterable[Path | str]) -> str:
-    """SQL that reads these files and no others. Raises DamagedData for what is no regular file."""
-    paths = list(files)
-    for path in paths:
-        if "://" not in str(path):  # a file at an address (kb.query.remote_duckdb)
-            with opening(path):
-                check_regular(path)
-    listed = ", ".join(literal(file) for file in paths)
-    if any(str(path).endswith(".ndjson") for path in paths):  # tombstones of a release
+    """SQL that reads these files and no others. Raises DamagedData for what is no regular file, for
+    a link whose bytes are not those that checksums describe, and for a file of a release whose
+    columns or numbers are not as declared.
+    """
+    names = list(map(str, files))
+    return sql_of(library_paths(names), any(name.endswith(".ndjson") for name in names))
+
+
+def library_paths(files: Iterable[Path | str], *, values: bool = True) -> list[str]:
+    """The paths by which DuckDB opens these files. Without `values`, for a view whose rows are
+    looked at when they are read, a data root's files after the first are not opened. Raises
+    DamagedData as `scan`.
+    """
+    paths: list[str] = []
+    for name in map(str, files):
+        is_local = "://" not in name
+        if is_local:
+            parquet.check_release(name, values=values)
+        if is_local and (values or not paths or parquet.is_released(name)):
+            paths.append(checksums.library_path(name))
+        else:
+            paths.append(name)
+    return paths
+
+
+def sql_of(paths: Sequence[str], lines: bool) -> str:
+    """SQL that reads files by their paths in a library: Parquet, or `lines`: tombstones of a
+    release.
+    """
+    listed = ", ".join(map(literal, paths))
+    if lines:
         kinds = ", ".join(
             f"'{field.name}': '{'TIMESTAMPTZ' if pa.types.is_timestamp(field.type) else 'VARCHAR'}'"
             for field in table("shared/tombstones").arrow(True)

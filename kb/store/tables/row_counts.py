@@ -14,7 +14,7 @@ def rows(folder: Path) -> int:
     """Rows of a table, from its files' footers. Raises DamagedData."""
     files = parquet_files(folder)
     with reading(files):
-        return sum(parquet.read_footer(file).num_rows for file in files)
+        return sum(parquet.footer(file).num_rows for file in files)
 
 
 def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
@@ -65,10 +65,10 @@ def span(
 
     Nothing for files without that column. Raises DamagedData.
     """
-    having = [path for path in files if column in parquet.read_schema(path).names]
+    having = [path for path in files if column in parquet.names(path)]
     if not having:
         return None, None, 0
-    names = {name for path in having for name in parquet.read_schema(path).names}
+    names = {name for path in having for name in parquet.names(path)}
     counted = " OR ".join(f"{name} = '{value}'" for name, value in of if name in names) or "true"
     with reading(having), database.over(having) as con:
         sql = (

@@ -81,10 +81,10 @@ def test_state_is_read_where_it_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"key": ["a"], "stage": ["x"]}, "it has no column reason"),
+        ({"key": ["a"], "stage": ["x"]}, "column reason is missing"),
         (
             {"key": [1], "stage": ["x"], "reason": ["y"], "value": ["1"], "threshold": ["2"]},
-            "its column key is int64, not string",
+            "column key is int64, not string",
         ),
     ],
 )

@@ -108,7 +108,8 @@ def load_profile(name: str | Path) -> Profile:
     if "path" in data:
         raise ProfileError(f"profile {path}: unknown key 'path'")
     try:
-        return Profile(**data, path=path.resolve())
+        # A link's own name and folder: files that it names lie beside it, not where the link leads.
+        return Profile(**data, path=path.parent.resolve() / path.name)
     except ValidationError as error:
         wrong = [f"{what}: {fix}" if fix else what for _, what, fix in problems(error, Profile)]
         raise ProfileError(f"profile {path}: {'; '.join(wrong)}", hint=check) from None
