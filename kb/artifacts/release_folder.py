@@ -8,6 +8,7 @@ This is the one place that recognises such a folder and lists what is in it; `kb
 restore`, `kb verify`, `kb query` and `kb.load` all ask here.
 """
 
+import os
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -108,6 +109,11 @@ def recognise(folder: Path) -> ReleaseFolder | None:
     return None
 
 
+def is_released(folder: Path) -> bool:
+    """Whether a folder has checksums and is a release: nothing may be written into it."""
+    return os.path.lexists(folder / SUMS) and recognise(folder) is not None
+
+
 def sources_of(names: Iterable[str]) -> set[str]:
     """The sources whose tables' shards have these names."""
     return {_sources()[short] for short in map(table_of_shard, names) if short in _sources()}
@@ -175,7 +181,7 @@ def sums(folder: Path) -> tuple[dict[str, str], int]:
     A file that can't be read as text counts as one invalid line.
     """
     path = folder / SUMS
-    if not path.exists() and not path.is_symlink():
+    if not os.path.lexists(path):  # also where the folder can't be read
         return {}, 0
     try:
         return parsed(read_small(path).decode())

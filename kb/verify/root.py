@@ -16,7 +16,8 @@ from typing import Any
 import duckdb
 
 from kb.artifacts import manifest, release_folder
-from kb.artifacts.table_catalog import Catalog, empty, existing, is_root
+from kb.artifacts.data_roots import is_root
+from kb.artifacts.table_catalog import Catalog, empty, existing
 from kb.core.errors import DamagedData
 from kb.core.progress import Progress
 from kb.core.sources import PUBLISHED, SOURCES

@@ -48,6 +48,7 @@ _ANSWERS = 2
     raw=True,
     uses=CLUSTER,
     json="steps, requests, root, and the summary of each step",
+    data="makes",
     examples=[
         (
             "kb demo                     in data/demo; starts over after a finished demo,"
@@ -70,7 +71,7 @@ def demo(options: Options) -> Summary:
 
 def play(options: Options, without: Collection[str] = (), **size: Any) -> Summary:
     """The demo without some steps, in a world of this size (n_channels …; kb.sandbox.world)."""
-    from kb.artifacts.table_catalog import is_root
+    from kb.artifacts.data_roots import is_root
     from kb.cli.commands.profile_files import refuse
     from kb.core.config.profile import DEFAULT, load_profile
     from kb.core.config.settings import Settings, load_settings
@@ -94,6 +95,7 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
         _say(options, "the tiny toxicity model (made once, the same on every machine)")
         settings = services.settings() | _tiny_model(lambda why: _say(options, f"left out: {why}"))
         os.environ |= settings  # worker processes read them too
+        options.check_root(root)
         mark = demo_mark.read(root)
         if mark is None and is_root(root):
             raise UsageError(
@@ -229,6 +231,7 @@ sandbox_app = group(
     raw=True,
     without=("json",),
     resumable=False,
+    data="ignores",
     examples=[
         ("kb sandbox -- kb youtube crawl --data /tmp/try     run a command against the sandbox"),
         (
