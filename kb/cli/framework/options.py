@@ -151,6 +151,11 @@ class Options:
                 f"the data root {root} is not a folder",
                 hint="choose another with --data or KB_DATA",
             )
+        profile = _profile(loaded.kb_profile, root, needs)
+        if checks:
+            from kb.cli.commands.profile_files import refuse
+
+            refuse(profile)
         address = address_of(loaded.kb_data)
         if address and not addresses:
             raise SettingError(
@@ -159,11 +164,6 @@ class Options:
             )
         if not address:
             root = self.check_root(root)
-        profile = _profile(loaded.kb_profile, root, needs)
-        if checks:
-            from kb.cli.commands.profile_files import refuse
-
-            refuse(profile)
         if needs == "profile":
             loaded, profile = in_demo_root(root, loaded, profile)
         return Run(
