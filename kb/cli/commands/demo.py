@@ -38,7 +38,7 @@ demo_app = group("Run the whole job on the sandbox in minutes: no key, no networ
 
 # Settings that the demo keeps; all others, credentials included, are removed.
 _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
-_DUMPS = "dumps"
+_DUMPS = "dumps"  # in the root of an older demo
 _REMOVED = ".demo.old"  # what a demo that starts over moves out of the way
 _ANSWERS = 2
 
@@ -113,9 +113,14 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
         if not sys.stderr.isatty():  # each step is a line of stdout, which is enough
             run = replace(run, progress=Progress())
         plan = pipeline(run, "demo")
-        given = {"reddit import": {"files": dumps(services.world.reddit, run.root / _DUMPS)}}
         steps = [step for step in plan.STEPS if step not in without]
-        return _all(steps, plan.QUERIES, words, run, services, given)
+        # Beside the data root: in it they would hold what a purge removes everywhere else.
+        place = root.with_name(f".{root.name}-dumps")
+        try:
+            given = {"reddit import": {"files": dumps(services.world.reddit, place)}}
+            return _all(steps, plan.QUERIES, words, run, services, given)
+        finally:
+            shutil.rmtree(place, ignore_errors=True)
 
 
 def _remove(root: Path) -> None:

@@ -205,7 +205,7 @@ def _in_order(counts: Mapping[str, int]) -> dict[str, int]:
 
 
 def _size(folder: Path) -> int:
-    """Bytes of all files in a folder; files that vanish meanwhile are not counted."""
+    """Bytes of all files in a folder; what vanishes meanwhile or can't be read is not counted."""
     total = 0
     try:
         with os.scandir(folder) as entries:
@@ -214,6 +214,6 @@ def _size(folder: Path) -> int:
                     total += _size(Path(entry.path))
                 elif entry.is_file(follow_symlinks=False):
                     total += entry.stat(follow_symlinks=False).st_size
-    except FileNotFoundError:
+    except (FileNotFoundError, PermissionError):
         pass
     return total

@@ -22,6 +22,7 @@ import zstandard
 
 from kb.core.errors import DamagedData
 from kb.net import redact
+from kb.schema import raw
 from kb.schema.decode import holdable
 from kb.store.atomic import append, sync_folder
 from kb.store.exhausted import full_disk_is_resumable
@@ -165,9 +166,16 @@ def folder(root: Path, source: str, kind: str) -> Path:
 
 
 def kinds(root: Path, source: str) -> list[str]:
-    """The kinds of answers that a source has on disk."""
+    """The kinds of answers that a source has on disk. A folder that can't be read is one only if
+    `schemas/` declares it: `lost+found` of a disk is none.
+    """
     base = Layout(root).raw(source)
-    return sorted(path.name for path in base.iterdir() if path.is_dir()) if base.is_dir() else []
+    folders = sorted(path for path in base.iterdir() if path.is_dir()) if base.is_dir() else []
+    return [
+        path.name
+        for path in folders
+        if os.access(path, os.R_OK | os.X_OK) or f"{source}/{path.name}" in raw.kinds()
+    ]
 
 
 def segments(root: Path, source: str, kind: str) -> list[Path]:
