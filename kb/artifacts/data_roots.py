@@ -24,15 +24,15 @@ def is_root(path: Path) -> bool:
     return made != ["state"] or not any(map(is_released, folders_in(path)))
 
 
-def download_around(place: Path) -> Path | None:
-    """The outermost download that a place, which need not exist, lies in: a release folder, or one
-    that holds several releases and no other folders.
+def download_around(place: Path, *, named: bool = True) -> Path | None:
+    """The release folder that a place, which need not exist, lies in. For one that nobody named
+    also a folder that holds several releases and no other folders.
     """
-    around = None
-    for folder in Path(os.path.realpath(place)).parents:
-        inner = folders_in(folder)
-        if is_released(folder) or (len(inner) >= _SEVERAL and all(map(is_released, inner))):
-            around = folder
+    parents = Path(os.path.realpath(place)).parents
+    around = next(filter(is_released, parents), None)
+    if around is None and not named:
+        inner = folders_in(parents[0])
+        return parents[0] if len(inner) >= _SEVERAL and all(map(is_released, inner)) else None
     return around
 
 

@@ -212,16 +212,16 @@ def outside(root: Path, out: Path) -> Path:
     return place
 
 
-def refuse_download(place: Path, option: str = "--data") -> None:
+def refuse_download(place: Path, option: str = "--data", *, named: bool = True) -> None:
     """Raises UsageError where a place, which need not exist, is a download or lies in one.
 
-    `option` is the one that named it.
+    `option` is the one that names it, `named` whether it was given.
     """
     place = Path(os.path.realpath(place.expanduser()))
     hint = f"a download stays as it is; name another place with {option}"
     if Catalog(place).is_download:
         raise UsageError(f"{place} is a download", hint=hint)
-    if (around := download_around(place)) is not None:
+    if (around := download_around(place, named=named)) is not None:
         raise UsageError(f"{place} is inside the download {around}", hint=hint)
 
 

@@ -130,10 +130,9 @@ def environment(tmp_path: Path) -> dict[str, str]:
 @pytest.mark.usefixtures("unchanged")
 def test_a_command_that_writes_refuses_a_download(name: str, above: Path, typed: Any) -> None:
     for place in (above, above / "pairs"):
-        root = place / "demo" if name == "demo" else place
         done = typed(name, "--data", str(place))
         assert (done.code, done.out) == (2, "")
-        assert str(root) in done.said
+        assert f"{place} is a download" in done.said
         assert "a download stays as it is; name another place with --data" in done.said
         done = typed(name, cwd=place)
         if name == "restore":  # beside it
@@ -183,6 +182,8 @@ def test_no_option_writes_into_a_download(above: Path, typed: Any) -> None:
             assert f"name another place with {option.opts[0]}" in done.said
             written += 1
     assert written > 10
+    done = typed("query", "--out", str(above / "new.csv"), "--data", str(above))
+    assert (done.code, f"{above}, which this command only reads" in done.said) == (2, True)
     assert typed("profile new", cwd=above / "pairs").code == 2
     assert typed("doctor", cwd=above / "pairs").code == 1
 
@@ -207,17 +208,32 @@ def test_what_was_left_in_a_download_does_not_make_it_a_data_root(
     assert line.startswith(f"foreign: {copy / 'pairs' / 'state'}: a release is flat")
 
 
-@pytest.mark.usefixtures("unchanged")
 def test_a_restore_that_is_typed_in_a_download_goes_beside_it(
     above: Path, files: Path, tmp_path: Path
 ) -> None:
+    place = Path(shutil.copytree(above / "reddit", tmp_path / "downloads" / "reddit"))
     words = ["restore", ".", "--only", "reddit", "--dumps", files / "dump.ndjson"]
-    done = inprocess.run(words, env=environment(tmp_path), cwd=above / "reddit")
-    assert done.code == 0, done.err
-    root = above.with_name("downloads-restored")
-    assert (root / "restored" / "reddit").is_dir()
-    assert inprocess.run(words, env=environment(tmp_path), cwd=above).code == 0  # goes on there
-    assert [one.name for one in above.parent.iterdir()].count(root.name) == 1
+    before = listing(place)
+    for _ in range(2):  # the second goes on there
+        done = inprocess.run(words, env=environment(tmp_path), cwd=place)
+        assert done.code == 0, done.err
+    assert listing(place) == before
+    assert sorted(path.name for path in place.parent.iterdir()) == ["reddit", "reddit-restored"]
+    assert (place.with_name("reddit-restored") / "restored" / "reddit").is_dir()
+
+
+def test_a_data_root_beside_downloads_is_no_part_of_them(above: Path, tmp_path: Path) -> None:
+    """It is named, or there is another folder beside them."""
+    copy = Path(shutil.copytree(above, tmp_path / "downloads"))
+    env = {**environment(tmp_path), "KB_CONTACT": "me@example.org"}
+    for words in (["--data", "mine"], []):
+        done = inprocess.run(["reddit", "crawl", *words], env=env, cwd=copy)
+        inside = "is inside the download" in done.said
+        assert (done.code, inside) == (2, not words)
+        assert inside or "REDDIT_CLIENT_ID is not set" in done.said
+    (copy / "notes").mkdir()
+    done = inprocess.run(["reddit", "crawl"], env=env, cwd=copy)
+    assert "REDDIT_CLIENT_ID is not set" in done.said
 
 
 @pytest.mark.parametrize("name", [*WRITING, *READING])

@@ -84,8 +84,9 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
 
     for name in set(Settings.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
-    data = options.data or load_settings(dotenv=False).kb_data
-    root = data.expanduser().absolute() / "demo"
+    settings = load_settings(dotenv=False, kb_data=options.data)
+    data, named = settings.kb_data.expanduser().absolute(), "kb_data" in settings.model_fields_set
+    root = data / "demo"
     options = replace(options, data=root, profile=options.profile or DEFAULT)
     profile = load_profile(options.profile or DEFAULT)
     refuse(profile)
@@ -95,7 +96,8 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
         _say(options, "the tiny toxicity model (made once, the same on every machine)")
         settings = services.settings() | _tiny_model(lambda why: _say(options, f"left out: {why}"))
         os.environ |= settings  # worker processes read them too
-        options.check_root(root)
+        for place in (data, root):
+            options.check_root(place, named=named)
         mark = demo_mark.read(root)
         if mark is None and is_root(root):
             raise UsageError(

@@ -146,7 +146,7 @@ def _root(run: Run) -> Iterator[Line]:
     from kb.artifacts.table_catalog import refuse_download
 
     try:
-        refuse_download(run.root)
+        refuse_download(run.root, named="kb_data" in run.settings.model_fields_set)
     except UsageError as error:
         yield PROBLEM, "data root", str(error), error.hint
         return

@@ -223,7 +223,7 @@ def restore(
     releases = find(folders)
     settings = load_settings(kb_data=options.data)
     if "kb_data" not in settings.model_fields_set:
-        around = download_around(settings.kb_data)
+        around = download_around(settings.kb_data, named=False)
         if around is not None:
             options = replace(options, data=around.with_name(f"{around.name}-restored"))
     own = profile_of(releases)

@@ -237,7 +237,7 @@ def _call(
             if values.get("plan"):
                 _check_plan_options(function, options, values, planned)
             else:
-                _check_places(values)
+                _check_places(options, values)
             if raw:
                 summary = function(options, **values)
             else:
@@ -259,22 +259,30 @@ def _call(
     return 0
 
 
-def _check_places(values: Mapping[str, Any]) -> None:
-    """Raise UsageError for a place to write to that lies in a download."""
+def _check_places(options: Options, values: Mapping[str, Any]) -> None:
+    """Raise UsageError for a place to write to that lies in a download, also in the one that is
+    read.
+    """
     for name in WRITTEN:
         if values.get(name) is not None:
-            from kb.artifacts.table_catalog import refuse_download
+            from kb.artifacts.table_catalog import Catalog, outside, refuse_download
 
             refuse_download(values[name], f"--{name}")
+            root = _root(options.data).absolute()
+            if Catalog(root).is_download:
+                outside(root, values[name])
+
+
+def _root(data: Path | None) -> Path:
+    return (data or Path(os.environ.get("KB_DATA") or "data")).expanduser()
 
 
 def _written(data: Path | None) -> tuple[Path, ...]:
     """Where any command may write: the data root, the cache, the temporary folder, and stdout, if
     that is a file.
     """
-    root = data or Path(os.environ.get("KB_DATA") or "data")
     stdout = Path("/dev/stdout").resolve()
-    return root.expanduser(), cache_root(), Path(tempfile.gettempdir()), stdout
+    return _root(data), cache_root(), Path(tempfile.gettempdir()), stdout
 
 
 def _check_plan_options(

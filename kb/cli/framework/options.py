@@ -163,7 +163,7 @@ class Options:
                 hint="download the release, or use `kb query` or kb.load in Python",
             )
         if not address:
-            root = self.check_root(root)
+            root = self.check_root(root, named="kb_data" in loaded.model_fields_set)
         if needs == "profile":
             loaded, profile = in_demo_root(root, loaded, profile)
         return Run(
@@ -181,16 +181,16 @@ class Options:
             progress=choose_progress(quiet=self.quiet),
         )
 
-    def check_root(self, root: Path) -> Path:
-        """The data root that an existing `root` names (see `existing`), if `use` allows it. Raises
-        UsageError.
+    def check_root(self, root: Path, *, named: bool) -> Path:
+        """The data root that an existing `root` names (see `existing`), if `use` allows it; `named`
+        by an option or a setting. Raises UsageError.
         """
         from kb.artifacts.table_catalog import existing, refuse_download
 
         if self.use in ("reads", "writes") or (self.use == "may read" and self.data is not None):
             root = existing(root)
         if self.use in ("writes", "makes"):
-            refuse_download(root)
+            refuse_download(root, named=named)
         return root
 
 
