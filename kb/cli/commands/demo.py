@@ -84,8 +84,8 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
 
     for name in set(Settings.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
-    settings = load_settings(dotenv=False, kb_data=options.data)
-    data, named = settings.kb_data.expanduser().absolute(), "kb_data" in settings.model_fields_set
+    loaded = load_settings(dotenv=False, kb_data=options.data)
+    data, named = loaded.kb_data.expanduser().absolute(), "kb_data" in loaded.model_fields_set
     root = data / "demo"
     options = replace(options, data=root, profile=options.profile or DEFAULT)
     profile = load_profile(options.profile or DEFAULT)
