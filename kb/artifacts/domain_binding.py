@@ -16,7 +16,8 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from kb.artifacts.table_catalog import Catalog, is_root
+from kb.artifacts.data_roots import is_root
+from kb.artifacts.table_catalog import Catalog
 from kb.core.config.profile import Profile, load_profile, shipped_names
 from kb.core.context import Run
 from kb.core.errors import OtherService, ProfileError

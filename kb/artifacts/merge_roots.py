@@ -23,7 +23,8 @@ from pathlib import Path
 import msgspec
 
 from kb.artifacts import domain_binding, score_files
-from kb.artifacts.table_catalog import existing, is_root
+from kb.artifacts.data_roots import is_root
+from kb.artifacts.table_catalog import existing
 from kb.core.context import Run
 from kb.core.errors import OtherService, SettingError, WriterLocked
 from kb.core.sources import SOURCES

@@ -8,6 +8,7 @@ This is the one place that recognises such a folder and lists what is in it; `kb
 restore`, `kb verify`, `kb query` and `kb.load` all ask here.
 """
 
+import os
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -130,6 +131,11 @@ def recognise(folder: Path) -> ReleaseFolder | None:
     return None
 
 
+def is_released(folder: Path) -> bool:
+    """Whether a folder has checksums and is a release: nothing may be written into it."""
+    return os.path.lexists(folder / SUMS) and recognise(folder) is not None
+
+
 def sources_of(names: Iterable[str]) -> set[str]:
     """The sources whose tables' shards have these names."""
     return {declared.source for declared in map(released_table, names) if declared}
@@ -215,7 +221,7 @@ def sums(folder: Path) -> tuple[dict[str, str], int]:
     A file that can't be read as text counts as one invalid line.
     """
     path = folder / SUMS
-    if not path.exists() and not path.is_symlink():
+    if not os.path.lexists(path):  # also where the folder can't be read
         return {}, 0
     try:
         return read_sums(path)

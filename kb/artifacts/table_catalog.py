@@ -5,9 +5,9 @@
     restored.reddit_posts  what `kb restore` or a reconstruction brought back
     links.entities         `kb links`' own tables, else those of a release
 
-A download is one release folder, or a folder above several. Commands that only read take it as
-`--data` like a data root; what they make of it goes to `workplace`, never into it. Looks at file
-names only.
+A download is one release folder, or a folder above several; checksums make a folder a release,
+whatever else lies in it. Commands that only read take it as `--data` like a data root; what they
+make of it goes to `workplace`, never into it. Looks at file names and checksums only.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from kb.artifacts import manifest, release_folder
+from kb.artifacts.data_roots import download_around, folders_in, is_root
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.cached_property import cached_property
 from kb.core.errors import FatalError, KbError, SettingError, UsageError
@@ -38,11 +39,9 @@ if TYPE_CHECKING:
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
 CONTENT = ("clean", "restored", "release")  # where a source's texts are read: the fullest first
-_OF_A_ROOT = ("raw", "state", "clean", "restored")  # any of these makes a folder a data root
 _SHARD = re.compile(r"([a-z][a-z0-9_]*?)(?:-[0-9]+(?:-of-[0-9]+)?)?\.parquet")
 NO_TABLES = "run a crawl and its filter first, or `kb demo`"
 _ADDRESS = re.compile(r"((?:[a-z0-9]+::)*[a-z][a-z0-9+.-]+):/{1,2}(.*)", re.DOTALL)
-_MOST = 500  # entries of a folder among which a data root is looked for
 
 
 class View(NamedTuple):
@@ -91,6 +90,11 @@ class Catalog:
         if is_root(self.path):
             return False
         return bool(self.releases) or (self.path / "missing.parquet").is_file()
+
+    @property
+    def spill(self) -> Path | None:
+        """Where queries of it spill what memory does not hold; None for the temporary folder."""
+        return None if self.is_download else self.path
 
     @property
     def is_writable(self) -> bool:
@@ -202,14 +206,30 @@ def read(path: Path) -> Catalog:
 
 
 def outside(root: Path, out: Path) -> Path:
-    """An `--out` as an absolute path. Raises UsageError for one inside of what is only read."""
+    """An `--out` as an absolute path. Raises UsageError for one inside of what is only read, or in
+    a download.
+    """
     place = out.expanduser().absolute()
     if place.resolve().is_relative_to(root.resolve()):
         raise UsageError(
             f"--out {out} is inside {root}, which this command only reads",
             hint="name a folder elsewhere with --out",
         )
+    refuse_download(place, "--out")
     return place
+
+
+def refuse_download(place: Path, option: str = "--data", *, named: bool = True) -> None:
+    """Raises UsageError where a place, which need not exist, is a download or lies in one.
+
+    `option` is the one that names it, `named` whether it was given.
+    """
+    place = Path(os.path.realpath(place.expanduser()))
+    hint = f"a download stays as it is; name another place with {option}"
+    if Catalog(place).is_download:
+        raise UsageError(f"{place} is a download", hint=hint)
+    if (around := download_around(place, named=named)) is not None:
+        raise UsageError(f"{place} is inside the download {around}", hint=hint)
 
 
 def address_of(place: str | os.PathLike[str]) -> str:
@@ -255,36 +275,24 @@ def empty(path: Path) -> KbError:
 
 
 def nearest(path: Path) -> Path | None:
-    """The data root or download that was probably meant: below the folder or above it; for one
-    that does not exist, beside it, the most similar name first.
+    """The data root or download that was probably meant: in the folder or above it; for one that
+    does not exist, the folder beside it with the most similar name.
     """
-    above = (one for one in path.parents[:2] if Layout(one).state_folder().is_dir())
-    tries = [*_two_levels(_folders(path)), *above]
-    if not path.exists():
-        siblings = {one.name: one for one in _folders(path.parent)}
-        like = [siblings[name] for name in difflib.get_close_matches(path.name, siblings, 3)]
-        tries = [*_two_levels(like), *_two_levels(siblings.values()), *tries]
-    usable = (one for one in tries if Layout(one).state_folder().is_dir() or Catalog(one).views)
-    return next(usable, None)
+    if path.is_dir():
+        below = folders_in(path)
+        below += [inner for one in below for inner in folders_in(one)]
+        inside, above = filter(_holds_something, below), filter(is_root, path.parents[:2])
+        return next(inside, None) or next(above, None)
+    beside = {one.name: one for one in folders_in(path.parent)}
+    alike = (beside[name] for name in difflib.get_close_matches(path.name, beside))
+    return next(filter(_holds_something, alike), None)
 
 
-def _two_levels(folders: Iterable[Path]) -> list[Path]:
-    some = list(folders)
-    return [*some, *(inner for one in some for inner in _folders(one))]
-
-
-def is_root(path: Path) -> bool:
-    """Whether a folder is a data root, which commands may write to."""
-    return any((path / name).is_dir() for name in _OF_A_ROOT)
-
-
-def _folders(path: Path) -> list[Path]:
-    if not path.is_dir():
-        return []
-    with os.scandir(path) as entries:
-        some = [entry for entry, _ in zip(entries, range(_MOST), strict=False)]
-    folders = [Path(entry.path) for entry in some if entry.is_dir() and entry.name[0] != "."]
-    return sorted(folders, key=lambda one: (one.name != "demo", one.name))
+def _holds_something(path: Path) -> bool:
+    try:
+        return is_root(path) or bool(Catalog(path).views)
+    except (KbError, OSError):  # nobody named this folder
+        return False
 
 
 def _meant(path: Path) -> str:

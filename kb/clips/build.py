@@ -192,7 +192,10 @@ def selected(
         "seed": str(run.seed),
         "sample": 1 << 62 if chosen.sample is None else chosen.sample,
     }
-    with reading(catalog.files("pairs/pairs")), database.connect(run.root, memory=_MEMORY) as con:
+    with (
+        reading(catalog.files("pairs/pairs")),
+        database.connect(catalog.spill, memory=_MEMORY) as con,
+    ):
         con.sql(
             f"""
             SELECT {columns}

@@ -52,7 +52,8 @@ def export(
         raise UsageError(
             f"--out {out} exists and is not a labelling project", hint="name a new folder"
         )
-    files = table_catalog.read(run.root).files(labeling.table)
+    catalog = table_catalog.read(run.root)
+    files = catalog.files(labeling.table)
     if not files:
         raise FatalError(
             f"there are no {labeling.kind}s to judge",
@@ -63,7 +64,7 @@ def export(
     where = "text IS NOT NULL" if has_text else "true"
     if pairs is not None:
         where += f" AND pair_id IN (SELECT pair_id FROM {scan([with_ids(pairs)])})"
-    rows = _drawn(run.root, files, labeling, sample, seed, where)
+    rows = _drawn(catalog.spill, files, labeling, sample, seed, where)
     around = _surroundings(run.root, files, rows) if has_text and rows else {}
     videos = described(run.root, rows) if labeling is questions.TASKS else {}
     asked = [one for one in labeling.questions if has_text or not one.of_text]
@@ -82,11 +83,11 @@ def export(
 
 
 def _drawn(
-    root: Path, files: list[Path], labeling: Labeling, sample: int, seed: int, where: str
+    spill: Path | None, files: list[Path], labeling: Labeling, sample: int, seed: int, where: str
 ) -> list[dict[str, Any]]:
     """Rows of the sample, each with `item_id`, `stratum` and `weight`."""
     parquet.check(*files)
-    with reading(files), database.connect(root) as con:
+    with reading(files), database.connect(spill) as con:
         drawn = con.sql(
             f"""
             WITH ranked AS (

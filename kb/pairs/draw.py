@@ -171,7 +171,7 @@ def draw(
     meant, every = asking(catalog, where=where), asking(catalog)
     with (
         reading(catalog.files("pairs/pairs")),
-        database.connect(run.root, memory=_MEMORY) as con,
+        database.connect(catalog.spill, memory=_MEMORY) as con,
     ):
         bare = f"FROM {scan(catalog.files('pairs/pairs'))}"  # without a condition no join
         pool = _pool(con, checked(con, meant, where) if where else bare)

@@ -49,7 +49,7 @@ def connect(
     up to `kb.query.limits.limited`. Raises DamagedData for a file that is not Parquet.
     """
     tables = Catalog(root.absolute()) if root else None
-    con = _open(tables.path if tables and not tables.is_download else None, limits)
+    con = _open(tables.spill if tables else None, limits)
     if views is None:
         views = tables.views if tables else []
         if tables:

@@ -43,8 +43,7 @@ class ReportData:
     def __init__(self, run: Run) -> None:
         self.root = run.root
         self.catalog = Catalog(run.root.absolute())
-        spill = None if self.catalog.is_download else run.root
-        self.con = database.connect(spill, threads=max(1, run.workers))
+        self.con = database.connect(self.catalog.spill, threads=max(1, run.workers))
 
     def __enter__(self) -> Self:
         return self

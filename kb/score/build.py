@@ -49,7 +49,7 @@ from kb.core import signals
 from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import MissingModel, UsageError
+from kb.core.errors import MissingModel
 from kb.core.installation import np
 from kb.core.summary import Summary, share_of
 from kb.schema.tables import table
@@ -199,11 +199,6 @@ def score(
         hint = "run `kb models fetch clip`" if model is None else "give a checkpoint or a folder"
         raise MissingModel(f"there is no model {path}", hint=hint)
     name, device = model_name(path), choose_device(device)
-    catalog = table_catalog.read(run.root)
-    if catalog.is_download:
-        raise UsageError(
-            "a download can't be scored in place", hint="score the pairs of a data root"
-        )
     state = str(Layout(run.root).scoring)
     counts = Counter[str]()
     scored_rows: list[pa.Table] = []

@@ -139,9 +139,9 @@ class Findings:
 
 
 def _size(path: Path) -> int:
-    """Bytes of a file, or of all files below a folder."""
+    """Bytes of a file, or of all files below a folder, as far as it can be read."""
     if path.is_dir() and not path.is_symlink():
-        return sum(_size(below) for below in path.iterdir())
+        return sum(_size(below) for below in path.glob("*"))
     return path.lstat().st_size if path.is_symlink() or path.exists() else 0
 
 

@@ -15,7 +15,8 @@ from typing import Any
 import duckdb
 
 from kb.artifacts import manifest, release_folder
-from kb.artifacts.table_catalog import Catalog, empty, existing, is_root
+from kb.artifacts.data_roots import is_root
+from kb.artifacts.table_catalog import Catalog, empty, existing
 from kb.core.errors import DamagedData
 from kb.core.progress import Progress
 from kb.core.regular_file import NotRegular, check_regular
@@ -35,7 +36,8 @@ from kb.verify.findings import Findings
 
 _CHECKS = 3
 CROISSANT = "croissant.json"
-_PLAIN = {".gitkeep", ".gitattributes", ".git"}  # a release may be the checkout of a repository
+# A release may be the checkout of a repository; the last is the file system's own.
+_PLAIN = {".gitkeep", ".gitattributes", ".git", "lost+found"}
 
 
 def check_release(
@@ -206,7 +208,7 @@ def compare(findings: Findings, root: Path) -> None:
     for step in steps:
         findings.retrying(step)
     for other in sorted(Layout(root).release().glob("*/")):
-        if other.name not in PUBLISHED and not leftovers.is_left((other.name,)):
+        if other.name not in {*PUBLISHED, *_PLAIN} and not leftovers.is_left((other.name,)):
             findings.foreign("release", other, "no export has written it", "move it away")
 
 

@@ -61,7 +61,7 @@ def test_a_folder_that_is_not_there_is_told_with_the_nearest(
     root = tmp_path / "data" / "demo" / "demo"
     release(root / "release" / "youtube", make_rows, "youtube/videos")
     (root / "state").mkdir()
-    for given in ("data/demo", "data", "data/dmeo"):
+    for given in ("data/demo", "data", "data/demo/dmeo"):
         with pytest.raises(SettingError) as caught:
             table_catalog.read(tmp_path / given)
         assert caught.value.exit_code == 2

@@ -32,7 +32,6 @@ app = group("Make everything that is out of date, in order.")
     uses=CLUSTER,
     json="made, current, failed, steps (each with artifact, reasons and outcome)",
     planned=("names",),
-    needs_data=True,
     checks=True,
     examples=[
         "kb build                       filters, exports, pairs … and the release",
@@ -64,11 +63,8 @@ def build(
     """
     from kb.artifacts import freshness
     from kb.artifacts.resumable_build import clear_finished
-    from kb.artifacts.table_catalog import Catalog
     from kb.store.artifact_registry import ARTIFACTS
 
-    if Catalog(run.root.absolute()).is_download:
-        raise FatalError(f"{run.root} is a download", hint="only a data root can be built")
     graph = freshness.graph(run, names or ())
     if not graph:
         what = " and ".join(names or ()) or "anything"
@@ -182,7 +178,6 @@ update_app = group("Do what is due: crawl what is new, refresh, purge, build.")
     uses=(*CLUSTER, "wait"),
     json="sources (the summaries of each source's steps), made, current, failed, steps",
     planned=("sources",),
-    needs_data=True,
     checks=True,
     examples=[
         "kb update                      for a timer: see docs/recurring.md",

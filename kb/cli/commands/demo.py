@@ -38,7 +38,7 @@ demo_app = group("Run the whole job on the sandbox in minutes: no key, no networ
 
 # Settings that the demo keeps; all others, credentials included, are removed.
 _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
-_DUMPS = "dumps"
+_DUMPS = "dumps"  # in the root of an older demo
 _REMOVED = ".demo.old"  # what a demo that starts over moves out of the way
 _ANSWERS = 2
 
@@ -48,6 +48,7 @@ _ANSWERS = 2
     raw=True,
     uses=CLUSTER,
     json="steps, requests, root, and the summary of each step",
+    data="makes",
     examples=[
         (
             "kb demo                     in data/demo; starts over after a finished demo,"
@@ -70,7 +71,7 @@ def demo(options: Options) -> Summary:
 
 def play(options: Options, without: Collection[str] = (), **size: Any) -> Summary:
     """The demo without some steps, in a world of this size (n_channels …; kb.sandbox.world)."""
-    from kb.artifacts.table_catalog import is_root
+    from kb.artifacts.data_roots import is_root
     from kb.cli.commands.profile_files import refuse
     from kb.core.config.profile import DEFAULT, load_profile
     from kb.core.config.settings import Settings, load_settings
@@ -83,8 +84,9 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
 
     for name in set(Settings.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
-    data = options.data or load_settings(dotenv=False).kb_data
-    root = data.expanduser().absolute() / "demo"
+    loaded = load_settings(dotenv=False, kb_data=options.data)
+    data, named = loaded.kb_data.expanduser().absolute(), "kb_data" in loaded.model_fields_set
+    root = data / "demo"
     options = replace(options, data=root, profile=options.profile or DEFAULT)
     profile = load_profile(options.profile or DEFAULT)
     refuse(profile)
@@ -94,6 +96,8 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
         _say(options, "the tiny toxicity model (made once, the same on every machine)")
         settings = services.settings() | _tiny_model(lambda why: _say(options, f"left out: {why}"))
         os.environ |= settings  # worker processes read them too
+        for place in (data, root):
+            options.check_root(place, named=named)
         mark = demo_mark.read(root)
         if mark is None and is_root(root):
             raise UsageError(
@@ -111,9 +115,14 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
         if not sys.stderr.isatty():  # each step is a line of stdout, which is enough
             run = replace(run, progress=Progress())
         plan = pipeline(run, "demo")
-        given = {"reddit import": {"files": dumps(services.world.reddit, run.root / _DUMPS)}}
         steps = [step for step in plan.STEPS if step not in without]
-        return _all(steps, plan.QUERIES, words, run, services, given)
+        # Beside the data root: in it they would hold what a purge removes everywhere else.
+        place = root.with_name(f".{root.name}-dumps")
+        try:
+            given = {"reddit import": {"files": dumps(services.world.reddit, place)}}
+            return _all(steps, plan.QUERIES, words, run, services, given)
+        finally:
+            shutil.rmtree(place, ignore_errors=True)
 
 
 def _remove(root: Path) -> None:
@@ -229,6 +238,7 @@ sandbox_app = group(
     raw=True,
     without=("json",),
     resumable=False,
+    data="ignores",
     examples=[
         ("kb sandbox -- kb youtube crawl --data /tmp/try     run a command against the sandbox"),
         (

@@ -31,7 +31,6 @@ class TasksFormat(StrEnum):
     uses=("pipeline",),
     again="Mine all titles again, even if nothing has changed.",
     json="tasks, titles, judged, reworded, starts, rejected_by",
-    needs_data=True,
     checks=True,
     examples=[
         "kb tasks                                 prompts with times, in tasks/ and release/tasks/",
@@ -65,7 +64,7 @@ links_app = group("Find which videos, wiki pages and threads mention which entit
     uses=(*CLUSTER, "pipeline"),
     again="Match every source again, even if its clean tables have not changed.",
     json="entities, with_page, links, mentions, sources",
-    needs_data=True,
+    data="reads",
     checks=True,
     examples=[
         "kb links                                 what has changed since the last run",
@@ -89,7 +88,7 @@ report_app = group("Make figures and one HTML page about the collected data.")
 
 @command(
     report_app,
-    needs_data=True,
+    data="reads",
     uses=("workers",),
     json="figures, page, without",
     examples=["kb report                                then open report/index.html"],
@@ -190,6 +189,7 @@ for _name, _source in SOURCES.items():
     models_app,
     without=("data",),
     json="model, fetched, present, bytes, folder",
+    data="ignores",
     examples=[
         "kb models fetch                the model of the paper, Detoxify `original`",
         "kb models fetch unbiased       another model; then set KB_TOXICITY_MODEL=unbiased",

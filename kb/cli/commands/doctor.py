@@ -22,7 +22,14 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, warn
 from kb.cli.framework.options import Options
 from kb.core import terminal
-from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
+from kb.core.errors import (
+    DamagedData,
+    FatalError,
+    KbError,
+    MissingExtra,
+    SettingError,
+    UsageError,
+)
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.net import redact
@@ -46,6 +53,7 @@ _REMOTE = ("nfs", "nfs4", "cifs", "smb3", "9p", "fuse.sshfs", "lustre", "gpfs", 
     uses=("engine", "scheduler"),
     resumable=False,
     json="checks (each state, what, found, fix), problems",
+    data="ignores",
     examples=[
         "kb doctor                                this machine, the data root and the settings",
         "kb doctor --online                       and each service of the profile, asked once",
@@ -138,6 +146,13 @@ def _installation() -> Iterator[Line]:
 
 def _root(run: Run) -> Iterator[Line]:
     """Write access, file system and free space of the data root or of where it would be made."""
+    from kb.artifacts.table_catalog import refuse_download
+
+    try:
+        refuse_download(run.root, named="kb_data" in run.settings.model_fields_set)
+    except UsageError as error:
+        yield PROBLEM, "data root", str(error), error.hint
+        return
     place = next(one for one in (run.root, *run.root.parents) if one.exists())
     what = "data root" if place == run.root else "data root (yet to be made)"
     kind = _file_system(place)

@@ -29,7 +29,7 @@ class JudgedKind(StrEnum):
 @command(
     app,
     json="items, strata, out_of, hours, path",
-    needs_data=True,
+    data="reads",
     examples=[
         "kb label export pairs                        400 pairs, to label-pairs/",
         "kb label export pairs --sample 50 --seed 1 --out trial   50 other pairs, to trial/",
@@ -72,7 +72,6 @@ def export(
     "import",
     json="answers, added, labels, skipped, undefined, contradictory, purged_items, unknown_items,"
     " figures",
-    needs_data=True,
     resumable=False,
     examples=[
         "kb label import project-1.json               one project, of one person or several",
@@ -116,7 +115,6 @@ class TriagedKind(StrEnum):
 @command(
     app,
     json="accepted_tasks, rejected_tasks, reworded_tasks, left, path",
-    needs_data=True,
     examples=[
         "kb label triage tasks                        a accept, r reject, e edit, b back, q quit",
         "kb label triage tasks --annotator 2          what a second person thinks",

@@ -15,7 +15,7 @@ from kb.cli.framework.messages import show, show_row, with_options
 from kb.cli.framework.options import CLUSTER, Options, Plan, pipeline
 from kb.core import terminal
 from kb.core.context import Run
-from kb.core.errors import DamagedData, UsageError
+from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
@@ -45,7 +45,6 @@ OlderThan = Annotated[
     limit="Stop after N more videos (exit code 3); the next run resumes.",
     json="crawled, missing, failed, pending, requests, units",
     planned=("older_than",),
-    needs_data=True,
     examples=[
         "kb refresh youtube --wait",
         "kb refresh youtube --limit 5000",
@@ -74,7 +73,6 @@ def refresh_youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) 
     " a stopped refresh.",
     json="crawled, missing, failed, pending, requests",
     planned=(*CLUSTER, "older_than", "again"),
-    needs_data=True,
     examples=[
         "kb refresh reddit --wait",
         "kb refresh reddit --older-than 0         everything, now: a removal request came in",
@@ -174,7 +172,6 @@ for _name, _source in SOURCES.items():
         uses=CLUSTER,
         json="purged, known, unknown, unread, rows, scores",
         planned=("ids", "authors", "channels"),
-        needs_data=True,
         examples=_source.purge_examples or (f"kb purge {_name} --ids ids.txt",),
     )(_OWN.get(_name) or _by_ids(_name))
 
@@ -187,6 +184,7 @@ verify_app = group("Find damaged, missing and foreign files in a data root or re
     raw=True,
     resumable=False,
     json="files_whole, files_damaged, files_missing, files_foreign, kinds, found",
+    data="reads",
     examples=[
         "kb verify                       the data root",
         "kb verify release/              a download, compared with its checksums",
@@ -215,18 +213,15 @@ def verify(
     Prints one line per kind of files, then one per problem with what to do about it. The exit code
     is 1 if there is a problem. Nothing is changed without --repair.
     """
-    from kb.artifacts.table_catalog import existing, is_root
+    from kb.artifacts.data_roots import is_root
+    from kb.artifacts.table_catalog import empty
 
-    if folder is not None:
-        options = replace(options, data=existing(folder))
-    run = options.make_run(needs="profile" if repair else "root", exists=True)
+    options = replace(options, data=folder or options.data, use="writes" if repair else "reads")
+    run = options.make_run(needs="profile" if repair else "root")
     place = run.root
     repairable = is_root(place)
     if repair and not repairable:
-        raise UsageError(
-            f"{place} is not a data root: a download can't be rebuilt from raw data",
-            hint="download damaged files again, into the same folder",
-        )
+        raise empty(place)
     room = pipeline(run, "verify")
     report: Findings
     repaired: list[str]
@@ -265,6 +260,7 @@ merge_app = group("Bring the data roots of several machines into one.")
     merge_app,
     raw=True,
     json="folders, files, present, bytes, requests, scores, labels, path",
+    data="makes",
     examples=[
         "kb merge part-1 part-2 part-3 --data data    after crawls with --part on three machines",
         "kb merge /mnt/other/data                     what another machine has collected since",

@@ -209,9 +209,9 @@ def _in_order(counts: Mapping[str, int]) -> dict[str, int]:
 
 
 def _size(folder: Path) -> int:
-    """Bytes of all files in a folder; files that vanish meanwhile are not counted."""
+    """Bytes of all files in a folder; what vanishes meanwhile or can't be read is not counted."""
     total = 0
     for path in files_below(folder, strict=False):
-        with suppress(FileNotFoundError):
+        with suppress(FileNotFoundError, PermissionError):
             total += path.stat().st_size
     return total

@@ -37,7 +37,6 @@ class PairsFormat(StrEnum):
     limit="Stop after N more transcripts (exit code 3); the next run resumes.",
     again="Match all transcripts again, even if nothing has changed.",
     json="pairs, videos, words, matches, keywords_found, ambiguous_alone, outside",
-    needs_data=True,
     checks=True,
     examples=[
         ("kb pairs                                    pairs/ with text, release/pairs/ without"),
@@ -91,7 +90,7 @@ def pairs(
     app,
     json="pairs, out_of, keywords, most_of_a_keyword, videos, hours, train, validation, test, path",
     planned=("n", "per_keyword", "per_video", "max_videos", "where", "seed"),
-    needs_data=True,
+    data="reads",
     examples=[
         "kb pairs draw 640000                        as many as the paper sampled",
         "kb pairs draw 10000 --per-video 20 --plan   what would be drawn; writes nothing",
@@ -159,7 +158,6 @@ def draw(
     uses=("workers",),
     json="pairs, scored, missing, short, undecodable, film_differs, no_text, videos,"
     " unknown_length, model, visible, path",
-    needs_data=True,
     examples=[
         "kb pairs score --videos films --model ViT-B-16.pt   all pairs whose film is in films",
         "kb pairs score --videos films --sample 1000         the model of `kb models fetch clip`",
@@ -219,7 +217,6 @@ def score(
     uses=("wait", "pipeline"),
     json="speech_recognition, videos_with_both_tracks, videos_compared, fetched, failed, requests",
     planned=("sample",),
-    needs_data=True,
     checks=True,
     examples=[
         "kb pairs measure --plan                     how many videos have both tracks",
@@ -261,6 +258,7 @@ def measure(
 @command(
     app,
     json="keywords, matches, ambiguous_alone",
+    data="reads",
     examples=[
         "kb pairs keywords                           matches per keyword, with three examples each",
         "kb pairs keywords --kind block --videos 500 blocks only, in 500 transcripts",
@@ -328,7 +326,7 @@ class FrameFit(StrEnum):
     uses=("workers",),
     json="pairs, clips, missing, short, undecodable, film_differs, videos, unknown_length, path",
     planned=("videos", "keyword", "pairs", "where", "sample", "size", "frames", "format"),
-    needs_data=True,
+    data="reads",
     examples=[
         "kb clips --videos films --plan                    files, hours and size; cuts nothing",
         "kb clips --videos films --out clips               webdataset shards, 16 frames per clip",

@@ -29,6 +29,7 @@ app = group("Make and check the profile of a new domain.")
     raw=True,
     without=("data", "profile"),
     json="path",
+    data="ignores",
     examples=[
         "kb profile new gardening                 a folder with profile.toml and keywords.tsv",
         "kb profile new gardening --wiki https://wiki.example.org --subreddit gardening",
@@ -82,6 +83,7 @@ def new(
     app,
     raw=True,
     json="errors, warnings, notes, findings (level, file, line, key, what, fix), hits",
+    data="may read",
     examples=[
         "kb profile check                         the profile that other commands would use",
         "kb profile check gardening               everything that is missing or wrong",
@@ -129,7 +131,7 @@ def check(
     answers: list[tuple[Finding, QuestionCost, int]] = []
     if checked.profile is not None and all(one.level != ERROR for one in findings):
         # The command only reads, so the data root may be another domain's.
-        run = replace(options, profile=None).make_run(needs="nothing", exists=bool(options.data))
+        run = replace(options, profile=None).make_run(needs="nothing")
         run = replace(run, profile=checked.profile)
         pages: list[str] = []
         # Not the default data root, which may be any domain's.
@@ -178,6 +180,7 @@ def check(
     app,
     raw=True,
     json="keywords, not_proposed, not_proposed_by, path",
+    data="reads",
     examples=[
         "kb profile keywords --data data/gardening                    rows to stdout",
         "kb profile keywords --data data/gardening --out more.tsv     rows to a new file",

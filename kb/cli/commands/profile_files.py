@@ -289,11 +289,16 @@ def _check_given(text: str, *, wiki: str | None, subreddit: str | None) -> None:
 
 
 def _home() -> Path:
-    """Where new profiles go: the profiles of the current checkout, else the current folder."""
+    """Where new profiles go: the profiles of the current checkout, else the current folder. Raises
+    UsageError in a download.
+    """
+    from kb.artifacts.table_catalog import refuse_download
+
     profiles, here = shared("profiles"), Path.cwd()
     checkout = profiles.parent.parent
     if (checkout / "pyproject.toml").is_file() and here.is_relative_to(checkout):
         return profiles
+    refuse_download(here / PROFILE_FILE, "--out")
     return Path()
 
 

@@ -41,7 +41,6 @@ class Target(StrEnum):
     main=True,
     uses=("pipeline",),
     json="folders, rows, bytes, sources, and problems if it is refused",
-    needs_data=True,
     examples=[
         (
             "kb release                               check every folder,"
@@ -186,6 +185,7 @@ RestorePart = StrEnum("RestorePart", _PARTS)  # type: ignore[misc]
     json="sources (the summary of each), requests, missing",
     planned=("folders", "dumps", "only"),
     cls=DumpsCommand,
+    data="makes",
     examples=[
         "kb restore .                             the release in the current folder",
         "kb restore release --plan                requests by service, and the keys they need",
@@ -212,11 +212,20 @@ def restore(
     Videos need YOUTUBE_API_KEY; posts and comments need archive dumps (--dumps) or a Reddit key.
     The folders are first compared with their SHA256SUMS, and their profile is used. Everything is
     written to restored/ in the data root and can be queried as restored.*; restored.missing lists
-    what could not be restored, with the reason. After an interruption the same command resumes.
+    what could not be restored, with the reason. Typed in the folder of a release, which stays as it
+    is, without --data and KB_DATA, the data root is ../FOLDER-restored. After an interruption the
+    same command resumes.
     """
+    from kb.artifacts.data_roots import download_around
+    from kb.core.config.settings import load_settings
     from kb.release.folders import find, profile_of
 
     releases = find(folders)
+    settings = load_settings(kb_data=options.data)
+    if "kb_data" not in settings.model_fields_set:
+        around = download_around(settings.kb_data, named=False)
+        if around is not None:
+            options = replace(options, data=around.with_name(f"{around.name}-restored"))
     own = profile_of(releases)
     if options.profile is None and own is not None:
         options = replace(options, profile=str(own))

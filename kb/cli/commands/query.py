@@ -56,6 +56,7 @@ class SqlCommand(Command):
     json="the rows, as with --format json",
     resumable=False,
     cls=SqlCommand,
+    data="may read",
     examples=[
         "kb query --tables",
         'kb query "SELECT title, view_count FROM youtube_videos ORDER BY view_count DESC LIMIT 5"',
@@ -127,7 +128,7 @@ def query(
     chosen = choose(asked, out)
     if not tables:
         sql = _read(sql, file)
-    run = options.make_run(needs="root", exists=options.data is not None, addresses=True)
+    run = options.make_run(needs="root", addresses=True)
     address = table_catalog.address_of(run.settings.kb_data)
     views = None
     if address:

@@ -43,7 +43,7 @@ class HitKind(StrEnum):
 
 @command(
     index_app,
-    needs_data=True,
+    data="reads",
     resumable=False,
     again="Rebuild the index of every source, even if its clean tables have not changed.",
     json="passages, indexed, sources",
@@ -69,6 +69,7 @@ def index(run: Run) -> Summary:
     limit="Print at most N answers instead of 10 (exit code 0).",
     json="answers, each with text, snippet, source, key, score, url and licence",
     resumable=False,
+    data="reads",
     examples=[
         'kb search "how to tame a wolf"',
         "kb search '\"tide table\" harbour* -net'    a phrase, a prefix, an excluded word",
@@ -152,7 +153,7 @@ def search(
         each=None if every else each,
         limit=options.limit or LIMIT,
     )
-    run = options.make_run(exists=True)
+    run = options.make_run()
     warn_stale(run)
     sources = [str(one) for one in SearchSource if not source or one in source]
     ensure(run, sources)
@@ -195,7 +196,7 @@ def lines(number: int, one: SearchHit) -> Iterator[str]:
 @command(
     mcp_app,
     without=("json",),
-    needs_data=True,
+    data="reads",
     resumable=False,
     examples=[
         "kb mcp --data data                         the command for a client's configuration",
@@ -220,7 +221,7 @@ explore_app = group("Search, rows, stages and pairs in a browser, on this machin
 @command(
     explore_app,
     without=("json",),
-    needs_data=True,
+    data="reads",
     resumable=False,
     examples=[
         "kb explore                                 opens the pages in your browser",

@@ -49,6 +49,7 @@ class CrawlPhase(StrEnum):
     json="crawled, channels, transcripts, failed, pending, missing, requests, units",
     checks=True,
     planned=("ids", "part"),
+    data="makes",
     examples=[
         (
             "kb youtube crawl --plan                  what is left, in units, calls,"
@@ -105,6 +106,7 @@ def youtube_crawl(
     again="Check every video of the list again instead of showing the last result.",
     json="there, changed, gone, by_year, requests, units",
     planned=("ids",),
+    data="makes",
     examples=[
         "kb youtube check --ids youtube_full.json --plan   what it costs in units and days",
         "kb youtube check --ids release/youtube            available, changed and gone",
@@ -146,6 +148,7 @@ def check(
     json="crawled, subtitles, playlists, own_transcripts, unknown_videos, files, known_files,"
     " left_out_by, left_out_files, null_columns",
     checks=True,
+    data="makes",
     examples=[
         "kb youtube import ~/Videos/minecraft          files that yt-dlp wrote there",
         "kb youtube import disk1 disk2 && kb youtube filter",
@@ -194,7 +197,7 @@ add_export(youtube_app, "youtube")
     "missing-transcripts",
     raw=True,
     json="missing_transcripts, path",
-    needs_data=True,
+    data="reads",
     examples=[
         "kb youtube missing-transcripts --out todo.txt              most viewed first",
         "kb youtube missing-transcripts | head -9 | yt-dlp -x -a -  their sound, for Whisper",
@@ -234,6 +237,7 @@ wiki_app = group("Collect wiki pages: screenshots, elements with boxes, tables a
     json="crawled, images, failed, pending, robots, gone, unread_facts, requests",
     planned=("titles", "workers"),
     checks=True,
+    data="makes",
     examples=[
         "kb wiki crawl --plan                     what is left and how long it takes",
         "kb wiki crawl --limit 100                100 pages, then exit code 3",
@@ -298,6 +302,7 @@ def _date(option: str, help: str) -> Any:
     " new posts with their comments.",
     json="crawled, comments, posts, failed, pending, incomplete_posts, requests",
     checks=True,
+    data="makes",
     examples=[
         (
             "kb reddit crawl                          every listing of the profile's"
@@ -346,6 +351,7 @@ def reddit_crawl(
     again="Read dumps again that were imported before; without it they are skipped.",
     json="crawled, lines, bad_lines, truncated_files, foreign_files",
     checks=True,
+    data="makes",
     examples=[
         "kb reddit import RS_2024-01.zst RC_2024-01.zst       monthly dumps, all subreddits mixed",
         "kb reddit import Minecraft_submissions.zst           a file of one subreddit",
@@ -392,6 +398,7 @@ add_export(reddit_app, "reddit")
     json="posts, comments, missing, requests, bad_lines, truncated_files",
     planned=("ids", "dumps"),
     cls=DumpsCommand,
+    data="makes",
     examples=[
         (
             "kb reddit reconstruct --ids release/reddit --dumps RS_*.zst RC_*.zst"

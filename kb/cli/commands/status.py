@@ -21,6 +21,7 @@ app = group("Show progress, quota, age of the data and what is left.")
     raw=True,
     resumable=False,
     json="sources (each with phases, quota, rows and age), disk_bytes, next",
+    data="may read",
     examples=["kb status", "kb status --json", "kb status --data data/demo"],
 )
 def status(options: Options) -> None:
@@ -30,7 +31,7 @@ def status(options: Options) -> None:
     """
     from kb.cli.commands.overview import overview
 
-    about = overview(options.make_run(needs="root", exists=options.data is not None))
+    about = overview(options.make_run(needs="root"))
     if options.json:
         print(json.dumps(about, default=str))
     else:

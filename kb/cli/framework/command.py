@@ -39,7 +39,16 @@ import typer.main
 
 from kb.cli.framework import messages
 from kb.cli.framework.exit_codes import refuse_options_before_command, refuse_unknown, report
-from kb.cli.framework.options import COMMON, DUMPS, RUNNING, SHARED, Options, shared_option
+from kb.cli.framework.options import (
+    COMMON,
+    DUMPS,
+    RUNNING,
+    SHARED,
+    WRITTEN,
+    DataUse,
+    Options,
+    shared_option,
+)
 from kb.core import signals, startup, terminal
 from kb.core.errors import SettingError
 from kb.core.installation import cache_root
@@ -152,7 +161,7 @@ def command(
     raw: bool = False,
     resumable: bool = True,
     main: bool = False,
-    needs_data: bool = False,
+    data: DataUse = "writes",
     cls: type[Command] = Command,
     planned: Sequence[str] = (),
     checks: bool = False,
@@ -167,8 +176,9 @@ def command(
     `resumable`: after a signal it finishes the current item; other commands end at once (queries,
     servers).
     `main`: it runs when the group is called without a command.
-    `needs_data`: a data root that does not exist is an error (exit code 2) that names the nearest
-    one.
+    `data`: what it does with the data root. A command that writes refuses a download (exit code 2),
+    and all but those that make a data root refuse one that does not exist. No command writes into a
+    download by one of the options WRITTEN.
     `cls`: how it parses its arguments.
     `planned`: options, own ones included, that affect its `--plan`.
     `checks`: an error in the profile or its keyword lists ends the command (exit code 2) before
@@ -192,7 +202,7 @@ def command(
             if name in used or (name in COMMON and name not in without)
         ]
         made.function = function
-        made.callback = partial(_call, function, raw, resumable, needs_data, planned, checks)
+        made.callback = partial(_call, function, raw, resumable, data, planned, checks)
         if main:
             app.run_as(made)
         else:
@@ -206,7 +216,7 @@ def _call(
     function: Callable[..., Any],
     raw: bool,
     resumable: bool,
-    needs_data: bool,
+    use: DataUse,
     planned: Sequence[str],
     checks: bool,
     /,
@@ -215,7 +225,8 @@ def _call(
     """Run a command with the values of its own and the shared options; return the exit code."""
     startup.collect_seldom()
     needs = "profile" if "profile" in values else "nothing"
-    options = Options(**{name: values.pop(name) for name in SHARED if name in values})
+    shared = {name: values.pop(name) for name in SHARED if name in values}
+    options = Options(**shared, use=use)
     for name, value in values.items():  # what may be repeated; what is not given, is None
         if isinstance(value, (list, tuple)):
             values[name] = list(value) or None
@@ -225,10 +236,12 @@ def _call(
             configure_logs(debug=options.debug)
             if values.get("plan"):
                 _check_plan_options(function, options, values, planned)
+            else:
+                _check_places(options, values)
             if raw:
                 summary = function(options, **values)
             else:
-                run = options.make_run(needs=needs, checks=checks, exists=needs_data)
+                run = options.make_run(needs=needs, checks=checks)
                 try:
                     summary = function(run, **values)
                 finally:
@@ -246,13 +259,30 @@ def _call(
     return 0
 
 
+def _check_places(options: Options, values: Mapping[str, Any]) -> None:
+    """Raise UsageError for a place to write to that lies in a download, also in the one that is
+    read.
+    """
+    for name in WRITTEN:
+        if values.get(name) is not None:
+            from kb.artifacts.table_catalog import Catalog, outside, refuse_download
+
+            refuse_download(values[name], f"--{name}")
+            root = _root(options.data).absolute()
+            if Catalog(root).is_download:
+                outside(root, values[name])
+
+
+def _root(data: Path | None) -> Path:
+    return (data or Path(os.environ.get("KB_DATA") or "data")).expanduser()
+
+
 def _written(data: Path | None) -> tuple[Path, ...]:
     """Where any command may write: the data root, the cache, the temporary folder, and stdout, if
     that is a file.
     """
-    root = data or Path(os.environ.get("KB_DATA") or "data")
     stdout = Path("/dev/stdout").resolve()
-    return root.expanduser(), cache_root(), Path(tempfile.gettempdir()), stdout
+    return _root(data), cache_root(), Path(tempfile.gettempdir()), stdout
 
 
 def _check_plan_options(

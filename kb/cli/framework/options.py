@@ -11,7 +11,7 @@ from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 import typer.main
@@ -35,12 +35,23 @@ class Engine(StrEnum):
     dask = "dask"
 
 
+DataUse = Literal["writes", "makes", "reads", "may read", "ignores"]
+"""What a command does with its data root, which decides what it accepts as `--data`:
+
+    writes      a data root that is there
+    makes       a data root, which need not be there yet
+    reads       a data root or a download that is there; what it makes of one goes elsewhere
+    may read    the same, but where none is named, none need be there
+    ignores     anything
+"""
+
+
 @dataclass(frozen=True)
 class Options:
     """The options that commands share, and their values in one command line.
 
     A command has those of COMMON and those that it declares. Each command describes `limit`,
-    `again` and `json` itself (see `command`).
+    `again` and `json` itself (see `command`). `use` is no option but what the command declares.
     """
 
     workers: Annotated[
@@ -96,6 +107,7 @@ class Options:
     ] = False
     json: Annotated[bool, typer.Option("--json")] = False
     debug: Annotated[bool, typer.Option("--debug", help="More log lines, and tracebacks.")] = False
+    use: DataUse = "ignores"
 
     def make_run(
         self,
@@ -103,7 +115,6 @@ class Options:
         dotenv: bool = True,
         needs: str = "profile",
         checks: bool = False,
-        exists: bool = False,
         addresses: bool = False,
         **settings: object,
     ) -> Run:
@@ -111,12 +122,12 @@ class Options:
 
         `needs`: "profile"; "root" for a command that reads the data root without a profile's
         rules, so that it works where the profile's file is missing; "nothing" for one that reads
-        neither. `checks`: refuse a profile with errors in it or its keyword lists. `exists`: refuse
-        a folder that does not exist, and name the nearest data root. `addresses`: the data root
-        may be an address, which the command itself reads.
-        Raises SettingError, ProfileError or OtherService before anything is sent or written.
+        neither. `checks`: refuse a profile with errors in it or its keyword lists. `addresses`: the
+        data root may be an address, which the command itself reads.
+        Raises UsageError for a data root that `use` does not allow, SettingError, ProfileError or
+        OtherService, before anything is sent or written.
         """
-        from kb.artifacts.table_catalog import address_of, existing
+        from kb.artifacts.table_catalog import address_of
         from kb.core.arrow_without_pandas import without_pandas
         from kb.core.config.settings import load_settings, unknown_names
         from kb.core.context import Run, default_workers
@@ -151,8 +162,8 @@ class Options:
                 f"this command reads no addresses such as {address}",
                 hint="download the release, or use `kb query` or kb.load in Python",
             )
-        if exists and not address:
-            root = existing(root)
+        if not address:
+            root = self.check_root(root, named="kb_data" in loaded.model_fields_set)
         if needs == "profile":
             loaded, profile = in_demo_root(root, loaded, profile)
         return Run(
@@ -170,11 +181,25 @@ class Options:
             progress=choose_progress(quiet=self.quiet),
         )
 
+    def check_root(self, root: Path, *, named: bool) -> Path:
+        """The data root that an existing `root` names (see `existing`), if `use` allows it; `named`
+        by an option or a setting. Raises UsageError.
+        """
+        from kb.artifacts.table_catalog import existing, refuse_download
+
+        if self.use in ("reads", "writes") or (self.use == "may read" and self.data is not None):
+            root = existing(root)
+        if self.use in ("writes", "makes"):
+            refuse_download(root, named=named)
+        return root
+
 
 # Each command describes these itself.
 DESCRIBED = ("limit", "again", "json")
 COMMON = ("data", "profile", "quiet", "json", "debug")
-SHARED = tuple(field.name for field in fields(Options))
+SHARED = tuple(field.name for field in fields(Options) if field.name != "use")
+# Options of single commands that name what is written; none of it may lie in a download.
+WRITTEN = ("out", "env", "truth", "films")
 RUNNING = tuple(name for name in SHARED if name not in COMMON)
 CLUSTER = ("workers", "engine", "scheduler")  # of what runs in worker processes
 

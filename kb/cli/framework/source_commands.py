@@ -27,7 +27,6 @@ def add_filter(app: Group, source: str, what: str = "raw answers") -> None:
         uses=(*CLUSTER, "pipeline"),
         limit="Stop after scoring N more texts for toxicity (exit code 3); the next run resumes.",
         json="crawled, kept, rejected, failed, pending, missing, stages, tables",
-        needs_data=True,
         checks=True,
         examples=[f"kb {source} filter", f"kb {source} filter --profile mine.toml"],
     )
@@ -54,7 +53,6 @@ def add_export(
         help=f"Write clean/{source} as {tables}, or in another layout.",
         uses=("engine", "scheduler", "pipeline"),
         json="the rows of each table, and path",
-        needs_data=True,
         examples=[
             f"kb {source} export",
             *(f"kb {source} export --format {name}" for name in others[-1:]),
@@ -126,6 +124,7 @@ def app_of(name: str) -> Group:
         limit=f"Stop after N more {source.counted} (exit code 3); the next run resumes.",
         json="crawled, failed, pending, requests",
         checks=True,
+        data="makes",
         examples=[f"kb {name} crawl", f"kb {name} crawl --limit 100"],
     )
     def crawl(run: Run) -> Summary:

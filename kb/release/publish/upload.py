@@ -17,7 +17,7 @@ from kb.core.errors import DamagedData
 from kb.core.summary.plan import PlanPhase
 from kb.release.folders import DEPOSIT
 from kb.release.metadata.zenodo import Document
-from kb.release.publish.zenodo import Forbidden, Gone, Zenodo, doi, md5, page
+from kb.release.publish.zenodo import SCOPES, Forbidden, Gone, Zenodo, doi, md5, page
 from kb.store.artifact_registry import SUMS
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
@@ -77,8 +77,8 @@ class Upload:
             return self._published("published", public | {"id": draft["id"]}, uploaded)
         except Forbidden as error:
             error.hint = (
-                "the deposit is another account's, or ZENODO_TOKEN may not do this:"
-                f" use the token that made it, or move {self.records.path} away"
+                "the deposit is another account's, or ZENODO_TOKEN may not do this: use a token of"
+                f" the account that made it; {SCOPES}; then run the same command again"
             )
             raise
 
@@ -203,8 +203,8 @@ class Records:
         ):
             raise DamagedData(
                 f"{self.path} is damaged",
-                hint="restore it, or move it away: then new drafts are made,"
-                " also of what was published before",
+                hint="restore it from a copy: without it a folder that was published before would"
+                " get a second record",
             )
         return state
 

@@ -195,9 +195,7 @@ class Zenodo:
             )
         text = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
         if answer.status_code == 401 or (answer.status_code == 403 and url == self._base):
-            raise CredentialRefused(
-                "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
-            )
+            raise CredentialRefused("the deposit service does not accept ZENODO_TOKEN", hint=SCOPES)
         if answer.status_code == 403:
             raise Forbidden(
                 f"the deposit service refused (403): {text}",
@@ -282,7 +280,7 @@ TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an ans
 LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops instead
 LONGEST_LIMIT = 366 * 86_400  # seconds: a longer wait is read as this, and never waited for
 _GO_ON = "the same command resumes"
-_SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
+SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
 _SHOWN = 600  # characters of a message
 
 

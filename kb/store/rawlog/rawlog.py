@@ -22,6 +22,7 @@ import zstandard
 
 from kb.core.errors import DamagedData
 from kb.net import redact
+from kb.schema import raw
 from kb.schema.decode import holdable
 from kb.store.atomic import append, sync_folder
 from kb.store.damage import open_file
@@ -167,9 +168,17 @@ def folder(root: Path, source: str, kind: str) -> Path:
 
 
 def kinds(root: Path, source: str) -> list[str]:
-    """The kinds of answers that a source has on disk."""
-    _, folders, _ = next(walk(Layout(root).raw(source), root, strict=False), (root, [], []))
-    return [name for name in folders if not name.startswith(".")]
+    """The kinds of answers that a source has on disk. A folder that can't be read is one only if
+    `schemas/` declares it: `lost+found` of a disk is none.
+    """
+    base = Layout(root).raw(source)
+    _, folders, _ = next(walk(base, root, strict=False), (root, [], []))
+    return [
+        name
+        for name in folders
+        if not name.startswith(".")
+        and (os.access(base / name, os.R_OK | os.X_OK) or f"{source}/{name}" in raw.kinds())
+    ]
 
 
 def segments(root: Path, source: str, kind: str) -> list[Path]:

@@ -86,6 +86,25 @@ def test_a_demo_starts_over_after_a_finished_one_and_else_goes_on(
     assert demo_mark.read(tmp_path / "demo") == demo_mark.DemoMark(finished=False)
 
 
+def test_the_dumps_of_a_demo_are_not_in_its_data_root(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In it they would hold what a purge removes everywhere else."""
+    seen: list[Path] = []
+
+    def import_dumps(*world: object) -> None:
+        *_, given = world
+        seen.extend(given["reddit import"]["files"])
+        assert all(file.is_file() for file in seen)
+
+    monkeypatch.setattr(demo, "_all", import_dumps)
+    monkeypatch.setattr(demo, "_tiny_model", lambda missing: {})
+    play(Options(data=tmp_path, quiet=True), **DEMO)
+    assert seen
+    assert not any(file.is_relative_to(tmp_path / "demo") for file in seen)
+    assert [path.name for path in tmp_path.iterdir()] == ["demo"]
+
+
 def test_data_that_no_demo_has_made_are_left_alone(
     tmp_path: Path, begun: Callable[..., list[Run]]
 ) -> None:

@@ -95,18 +95,6 @@ def test_limit_gives_the_first_rows(kb: Any, root: Path) -> None:
     assert json.loads(kb("query", "SELECT 1 AS n", "--limit", "2", "--json").stdout) == [{"n": 1}]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [(("query", "SELECT 1"), 2), (("query", "--tables"), 2), (("status",), 2)],
-)
-def test_a_root_that_is_not_there_stays_so(
-    kb: Any, tmp_path: Path, arguments: tuple[str, ...], code: int
-) -> None:
-    answer = kb(*arguments, "--data", "nowhere")
-    assert answer.returncode == code
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_damaged_file_is_named(kb: Any, root: Path) -> None:
     file = root / "clean" / "youtube" / "rejected" / "part-0.parquet"
     file.write_bytes(file.read_bytes()[:100])
@@ -151,14 +139,6 @@ def test_one_query_from_one_place(kb: Any, arguments: list[str], words: str) -> 
     answer = kb("query", *arguments)
     assert (answer.returncode, answer.stderr.count("\n")) == (2, 1)
     assert words in answer.stderr
-
-
-def test_a_mistyped_data_root_is_told_with_the_nearest(kb: Any, tmp_path: Path) -> None:
-    (tmp_path / "demo" / "state").mkdir(parents=True)
-    answer = kb("query", "--tables", "--data", "dmeo")
-    assert answer.returncode == 2
-    assert "there is no data root" in answer.stderr
-    assert "did you mean --data demo?" in answer.stderr
 
 
 def test_after_the_demo_its_own_tables_are_named(kb: Any, root: Path, tmp_path: Path) -> None:

@@ -144,7 +144,7 @@ def block():
     while True:  # a signal between the call and the wait in it would be seen when the wait ends
         threading.Event().wait(0.05)
 
-@command(app, examples=["x"])
+@command(app, data="ignores", examples=["x"])
 def crawl(run):
     '''Crawl.'''
     done = 0
@@ -159,7 +159,7 @@ def crawl(run):
         stopped.summary = Summary(crawled=done > 0)
         raise
 
-@command(app, examples=["x"])
+@command(app, data="ignores", examples=["x"])
 def deaf(run):
     '''An item that takes for ever.'''
     print("ready", flush=True)
@@ -168,7 +168,7 @@ def deaf(run):
     print("asked", flush=True)
     block()
 
-@command(app, examples=["x"], resumable=False)
+@command(app, data="ignores", examples=["x"], resumable=False)
 def query(run):
     '''Blocked in something that knows no flag.'''
     print("ready", flush=True)

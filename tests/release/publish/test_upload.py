@@ -12,6 +12,7 @@ from kb.core.errors import (
     CredentialRefused,
     DamagedData,
     FatalError,
+    KbError,
     Unreachable,
 )
 from kb.release.build import release
@@ -205,9 +206,36 @@ def test_a_damaged_state_is_a_line_and_nothing_is_sent(
 ) -> None:
     (root / "state").mkdir(exist_ok=True)
     (root / "state" / "deposits.json").write_text(entry)
-    with pytest.raises(DamagedData, match=r"deposits\.json is damaged"):
+    with pytest.raises(DamagedData, match=r"deposits\.json is damaged") as caught:
         send(root, service)
+    assert "away" not in caught.value.hint  # that would make a second record
     assert service.ledger.requests() == []
+
+
+@pytest.mark.usefixtures("hasty")
+@pytest.mark.parametrize("status", [403, 500])
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [("DELETE", "/files/"), ("POST", "/actions/newversion"), ("GET", "/api/deposit/depositions/")],
+)
+def test_a_refused_step_of_a_new_version_leads_to_no_second_record(
+    root: Path, service: Sandbox, method: str, path: str, status: int
+) -> None:
+    first = send(root, service, publish=True)["sources"]["pairs"]["id"]
+    deposits = store(service)
+    deposits.by_id[first].files["old.parquet"] = b"a file that the next version does not have"
+    shutil.rmtree(root / "release" / "pairs")
+    build(root, sources=("pairs",), n=70)
+    release(a_run(root))
+    service.faults.add(path, method=method, status=status, times=None)
+    with pytest.raises(KbError) as caught:
+        send(root, service, publish=True)
+    assert not {"away", "deposits.json", "delete"} & set(caught.value.hint.split())
+    assert "the same command" in caught.value.hint
+    service.faults.clear()
+    assert send(root, service, publish=True)["published"] == 1
+    assert len(deposits.by_id) == 2  # the record and its new version
+    assert len({one.concept for one in deposits.by_id.values()}) == 1
 
 
 def test_anothers_deposit_in_the_state_is_no_bad_token(root: Path, service: Sandbox) -> None:

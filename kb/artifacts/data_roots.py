@@ -1,0 +1,51 @@
+"""Tells data roots from downloads, into which nothing is written.
+
+A release folder is recognised by its checksums, whatever else lies in it; so `state/` that was left
+in a download does not make it a data root. Folders that can't be read are none of these.
+"""
+
+import os
+from pathlib import Path
+
+from kb.artifacts.release_folder import is_released
+
+_OF_A_ROOT = ("raw", "state", "clean", "restored")  # any of these makes a folder a data root
+_MOST = 500  # entries of a folder among which others are looked for
+_SEVERAL = 2  # releases that make the folder above them a download
+
+
+def is_root(path: Path) -> bool:
+    """Whether a folder is a data root, which commands may write to. A release is none, nor is a
+    folder above several, although `state/` was left in it.
+    """
+    made = [name for name in _OF_A_ROOT if _is_folder(path / name)]
+    if not made or is_released(path):
+        return False
+    return made != ["state"] or not any(map(is_released, folders_in(path)))
+
+
+def download_around(place: Path, *, named: bool = True) -> Path | None:
+    """The release folder that a place, which need not exist, lies in. For one that nobody named
+    also a folder that holds several releases and no other folders.
+    """
+    parents = Path(os.path.realpath(place)).parents
+    around = next(filter(is_released, parents), None)
+    if around is None and not named:
+        inner = folders_in(parents[0])
+        return parents[0] if len(inner) >= _SEVERAL and all(map(is_released, inner)) else None
+    return around
+
+
+def folders_in(path: Path) -> list[Path]:
+    """The folders in a folder, those of `kb demo` first; none where it can't be listed."""
+    try:
+        with os.scandir(path) as entries:
+            some = [Path(entry) for entry, _ in zip(entries, range(_MOST), strict=False)]
+    except OSError:
+        return []
+    folders = [one for one in some if one.name[0] != "." and _is_folder(one)]
+    return sorted(folders, key=lambda one: (one.name != "demo", one.name))
+
+
+def _is_folder(path: Path) -> bool:
+    return os.path.isdir(path)  # noqa: PTH112  Path's raises where it may not look
