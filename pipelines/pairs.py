@@ -25,6 +25,7 @@ from kb.pairs import measures
 from kb.pairs.build import build, check
 from kb.pairs.keywords import Keywords
 from kb.pairs.measures import VideoSample
+from kb.score.build import put_back
 from kb.store.layout import Layout
 from kb.store.tables.columns import word_count
 from kb.youtube.crawl.second_tracks import (
@@ -40,11 +41,18 @@ def pairs(run: Run, layout: str) -> Summary:
     check(run)
     with domain_binding.writing(run, "pairs", "release-pairs"):
         try:
-            made = build(run)
+            made = tables(run)
         except LimitReached:
             _write(run, layout)  # what is done so far is complete in itself
             raise
         return Summary(made, **_write(run, layout))
+
+
+def tables(run: Run) -> Summary:
+    """Make the pairs; those that were scored keep their scores."""
+    made = build(run)
+    put_back(run)
+    return made
 
 
 def measure(run: Run, size: int) -> Summary:

@@ -18,9 +18,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
-import msgspec
-
-from kb.artifacts import domain_binding
+from kb.artifacts import domain_binding, purge
 from kb.artifacts.table_catalog import existing, is_root
 from kb.core.context import Run
 from kb.core.errors import OtherService, SettingError, WriterLocked
@@ -87,8 +85,7 @@ def _begin_purge(root: Path, source: str) -> bool:
     path = Layout(root).purge(source)
     if not keys or path.exists():
         return False
-    reasons = {row["key"]: row["reason"] for row in keys}
-    write_bytes(path, msgspec.json.encode(reasons, order="sorted"))
+    purge.note_keys(root, source, {row["key"]: row["reason"] for row in keys})
     return True
 
 

@@ -2,7 +2,7 @@
 
 from kb.artifacts import purge as steps
 from kb.artifacts import purge_raw
-from kb.artifacts.purge import Purge, PurgeRules
+from kb.artifacts.purge import Purge, PurgeLine, PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
 from kb.artifacts.purge_rows import location_of, shared_locations
@@ -16,10 +16,11 @@ from kb.schema.tables import table
 from kb.store.layout import Layout
 
 
-def purge_answers(
+def remove_keys(
     run: Run, rules: PurgeRules, listed: PurgeList | None, asked: PeopleList | None = None
-) -> Purge:
-    """Take keys out of raw answers and the state; the purge, whose other steps come next.
+) -> tuple[Purge, list[PurgeLine]]:
+    """Remove what is made of the source, then the keys from raw answers, kept rows and the state;
+    the purge, and the rows that went.
 
     Damaged raw data is set aside; `steps.finish` reports it. Raises WriterLocked, DiskFull,
     Interrupted.
@@ -36,10 +37,13 @@ def purge_answers(
             session.recorder.check_all_segments()
         purge.find()
         purge.begin()
+        removed: list[PurgeLine] = []
         if purge.keys:
+            removed += steps.derived(purge) if purge.removed else ()
             list(steps.answers(purge))
-            list(steps.state(purge))
-        return purge
+            removed += steps.kept(purge)
+            steps.state(purge)
+        return purge, removed
 
 
 def _as_text(entry: ListedId) -> str | None:

@@ -74,11 +74,6 @@ def build(run: Run) -> Summary:
 def _write_measures(run: Run, fresh: manifest.Build) -> None:
     """Figures of all pairs; those of samples still hold where the rules are the same."""
     old = manifest.read(run.root, "pairs")
-    if Layout(run.root).rows("pairs/scores"):
-        run.progress.say(
-            "the new pairs have no scores yet; run `kb pairs score` again, which decodes no film"
-            " whose pairs are the same as before"
-        )
     kept = measures.read_measures(Layout(run.root).pairs) if old is not None else {}
     if old is not None and freshness.changes(old, fresh.settings):
         if kept.keys() - {measures.PAIRS}:

@@ -31,7 +31,8 @@ import hashlib
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -175,12 +176,15 @@ def _watched(path: Path, ticks: np.ndarray, model: ClipModel) -> tuple[np.ndarra
 
 class VideoScores(msgspec.Struct, frozen=True):
     """What became of a video's pairs: the score of each by its id, as columns of a row; or why the
-    film could not be read. `made_of`: a digest of pairs, film, model and rules.
+    film could not be read. `made_of`: a digest of pairs, film, model and rules; `pairs`: one of each pair
+    by its id, so that pairs that are made again take their scores from here.
     """
 
     made_of: str
     scores: dict[str, tuple[float, float | None, float | None, float | None, int]]
     undecodable: str = ""
+    model: str = ""
+    pairs: dict[str, str] = {}
 
 
 def score(
@@ -254,16 +258,55 @@ def score_video(
         version = version_of(film)
         encoded = msgspec.json.encode((_RULES, name, version, rows), order="sorted")
         made_of = hashlib.sha256(encoded).hexdigest()
-        done = json_files.read(place, VideoScores, fix="remove it, then score the pairs again")
+        done = _read_scores(place)
         if done is not None and done.made_of == made_of:
             return done
         try:
             scores = {one[0]: one[1:] for one in scores_of(Path(film), rows, _model(model, device))}
-            made = VideoScores(made_of, scores)
+            made = VideoScores(made_of, scores, model=name, pairs=_digests(rows))
         except (UndecodableVideo, FileNotFoundError) as error:
             made = VideoScores(made_of, {}, str(error) or "the file is gone")
         if version_of(film) == version:
             write_bytes(place, msgspec.json.encode(made))
+
+
+def _digests(rows: Sequence[Row]) -> dict[str, str]:
+    """A digest of each pair, by its id."""
+    encoded = ((row["pair_id"], msgspec.json.encode(row, order="sorted")) for row in rows)
+    return {pair_id: hashlib.sha256(text).hexdigest()[:16] for pair_id, text in encoded}
+
+
+def put_back(run: Run) -> None:
+    """Scores of pairs that were made again, where all scored pairs of a video are what they were.
+
+    Opens no film. Call it under the lock of pairs. Raises DamagedData, DiskFull.
+    """
+    at = Layout(run.root)
+    measured = measures.read_measures(at.pairs).get(SECTION)
+    if measured is None:
+        return
+    (name,) = measured["models"]
+    known = {path.stem: _read_scores(path) for path in at.scoring.glob("*.json")}
+    known = {video: done for video, done in known.items() if done and done.model == name}
+    scored_rows: list[pa.Table] = []
+    with database.connect(run.root) as con:
+        con.register("scored", pa.table({"video_id": pa.array(known, pa.string())}))
+        sql = f"SELECT {_COLUMNS} FROM {scan(at.rows('pairs/pairs'))} SEMI JOIN scored USING (video_id)"
+        reader = con.sql(f"{sql} ORDER BY video_id, pair_id").to_arrow_reader()
+        rows = (row for batch in reader for row in batch.to_pylist())
+        for video, own in groupby(rows, key=itemgetter("video_id")):
+            if known[video].pairs.items() <= _digests(list(own)).items():
+                scored_rows.append(_rows(video, name, known[video]))
+    _write(run, name, scored_rows)
+    if lost := measured["pairs"] - sum(map(len, scored_rows)):
+        run.progress.say(
+            f"{lost:,} pairs have no scores any more; run `kb pairs score` again, which decodes no"
+            " film whose pairs are the same as before"
+        )
+
+
+def _read_scores(path: Path) -> VideoScores | None:
+    return json_files.read(path, VideoScores, fix="remove it, then score the pairs again")
 
 
 @lru_cache(maxsize=1)

@@ -44,6 +44,7 @@ _SETTINGS = {
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
 _RULES = {"pairs": 7, "tasks": 2, "links": 1}
+_KEPT_FILES = {"pairs": ("measures.json",)}  # figures of samples that cost requests
 _ADDED = {  # tables that another command adds to a folder, which is complete without them
     "pairs/scores": "run `kb pairs score` with the same films, which decodes none of them again"
 }
@@ -83,6 +84,18 @@ class Artifact:
         if self.public:
             return Layout(root).state_folder() / "manifests" / f"{self.name.replace('/', '-')}.json"
         return self.folder(root) / MANIFEST
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether it can't be made again of what the data root has, so that a purge takes rows out
+        of it; everything else is derived.
+        """
+        return not self.inputs
+
+    @property
+    def kept_files(self) -> tuple[str, ...]:
+        """Files of a derived artifact that are kept when it is made again."""
+        return _KEPT_FILES.get(self.name, ())
 
     @property
     def added(self) -> tuple[str, ...]:
@@ -177,8 +190,8 @@ def _declared() -> Iterator[Artifact]:
             yield Artifact(
                 f"export/{export}", inputs, format_, lock, public=True, settings=("name",)
             )
-    reconstruct = ("raw/reddit",), "kb reddit reconstruct", "reconstructed"
-    yield Artifact("export/reconstructed", *reconstruct, public=True)
+    reconstruct = "kb reddit reconstruct", "reconstructed"
+    yield Artifact("export/reconstructed", (), *reconstruct, public=True)
     clean_all = tuple(f"clean/{source}" for source in SOURCES)
     yield Artifact(
         "report",
@@ -191,6 +204,18 @@ def _declared() -> Iterator[Artifact]:
 
 
 ARTIFACTS: dict[str, Artifact] = {one.name: one for one in _declared()}
+
+
+def derived_from(name: str) -> list[str]:
+    """The artifacts that are made of an input ("raw/youtube"), directly or through others, in the
+    order of `ARTIFACTS`.
+    """
+    made = {name}
+    for _ in ARTIFACTS:  # as often as the longest way through them, at most
+        for artifact in ARTIFACTS.values():
+            if any(one in made or one.startswith(f"{name}/") for one in artifact.inputs):
+                made.add(artifact.name)
+    return [one for one in ARTIFACTS if one in made]
 
 
 def artifact_of(path: Path) -> tuple[Path, Artifact] | None:

@@ -210,23 +210,10 @@ def check(root: Path, source: str) -> None:
         raise _error(root, source, losses)
 
 
-def remove_quarantined(
-    root: Path, source: str, frontier: Frontier, keys: Collection[str], exact: Collection[str]
-) -> int:
-    """Remove what was set aside and may hold one of the purged keys; how many files went.
-
-    Nobody can read the bytes. They stay where the state says what they held and none of it is to
-    go: in raw kinds (`exact`) that hold one answer a key.
-    """
-    known = {lost.quarantined_as: lost for lost in _load(frontier) if lost.quarantined_as}
-    removed = 0
+def remove_quarantined(root: Path, source: str) -> None:
+    """Remove what was set aside: nobody can read it, and any of it may hold a purged key."""
     for path in quarantined_files(root, source):
-        lost = known.get(path.name)
-        lost_keys = {key for _, key in lost.items or ()} if lost is not None else set()
-        if path.parent.name not in exact or not lost_keys or lost_keys & set(keys):
-            path.unlink()
-            removed += 1
-    return removed
+        path.unlink()
 
 
 def _open(frontier: Frontier, lost: LostRange) -> bool:
