@@ -17,7 +17,7 @@ from kb.artifacts.purge import PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
 from kb.core.context import Run
-from kb.core.errors import DamagedData
+from kb.core.errors import DamagedData, KbError
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.crawl.purge import remove_keys
@@ -49,8 +49,25 @@ def purge(
             error.summary = summary
             raise
         if build:
-            make_again(run)
+            try:
+                make_again(run)
+            except KbError as error:  # what can't be made again is gone all the same
+                error.summary = summary
+                raise
     return summary
+
+
+def make_again(run: Run) -> None:
+    from kb.artifacts import freshness
+    from kb.cli.commands.build import _make
+
+    names = set(manifest.vacant(run.root))
+    if freshness._described(run.root) is not None:
+        names.add(freshness.RELEASE)
+    graph = [n for n in freshness._ordered() if n in names]
+    outdated = freshness.plan(run, graph)
+    steps = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
+    _make(run, len(graph), outdated, steps)
 
 
 def plan(run: Run, source: str, ids: Path | None, people: Path | None = None) -> Summary:

@@ -57,12 +57,12 @@ class PurgeLine(msgspec.Struct):
     count: int
 
 
-class PurgeNote(msgspec.Struct, omit_defaults=True):
+class PurgeNote(msgspec.Struct, forbid_unknown_fields=True):
     """What an unfinished purge must not forget: the keys with their reasons, the manifests of what
     was derived, and the text of files that are kept of it, by their path in the data root.
     """
 
-    keys: dict[str, str] = {}
+    keys: dict[str, str]
     manifests: dict[str, Manifest] = {}
     files: dict[str, str] = {}
 
@@ -220,7 +220,7 @@ class Purge:
 def unfinished(root: Path, source: str) -> PurgeNote:
     """The note of an interrupted purge, an empty one if there is none. Raises DamagedData."""
     hint = f"delete it, then run `kb purge {source}` again"
-    return json_files.read(Layout(root).purge(source), PurgeNote, fix=hint) or PurgeNote()
+    return json_files.read(Layout(root).purge(source), PurgeNote, fix=hint) or PurgeNote({})
 
 
 def note_keys(root: Path, source: str, keys: Mapping[str, str]) -> None:

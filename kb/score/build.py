@@ -176,8 +176,8 @@ def _watched(path: Path, ticks: np.ndarray, model: ClipModel) -> tuple[np.ndarra
 
 class VideoScores(msgspec.Struct, frozen=True):
     """What became of a video's pairs: the score of each by its id, as columns of a row; or why the
-    film could not be read. `made_of`: a digest of pairs, film, model and rules; `pairs`: one of each pair
-    by its id, so that pairs that are made again take their scores from here.
+    film could not be read. `made_of`: a digest of pairs, film, model and rules; `pairs`: one of
+    each pair by its id, so that pairs that are made again take their scores from here.
     """
 
     made_of: str
@@ -291,8 +291,9 @@ def put_back(run: Run) -> None:
     scored_rows: list[pa.Table] = []
     with database.connect(run.root) as con:
         con.register("scored", pa.table({"video_id": pa.array(known, pa.string())}))
-        sql = f"SELECT {_COLUMNS} FROM {scan(at.rows('pairs/pairs'))} SEMI JOIN scored USING (video_id)"
-        reader = con.sql(f"{sql} ORDER BY video_id, pair_id").to_arrow_reader()
+        reader = con.sql(f"""
+            SELECT {_COLUMNS} FROM {scan(at.rows("pairs/pairs"))} SEMI JOIN scored USING (video_id)
+            ORDER BY video_id, pair_id""").to_arrow_reader()
         rows = (row for batch in reader for row in batch.to_pylist())
         for video, own in groupby(rows, key=itemgetter("video_id")):
             if known[video].pairs.items() <= _digests(list(own)).items():

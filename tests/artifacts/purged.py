@@ -5,7 +5,7 @@ from pathlib import Path
 from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 
-COUNTS = ("purged", "known", "unknown", "unread")
+COUNTS = ("purged", "also", "known", "unknown", "unread")
 
 
 def purged(run: Run, source: str, *lines: str) -> tuple[int, ...]:

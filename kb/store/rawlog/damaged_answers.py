@@ -231,7 +231,8 @@ def _error(root: Path, source: str, losses: list[LostRange]) -> DamagedData:
     still = where.with_name(f"{where.name}.open")
     if first.quarantined_as or (still.is_file() and still.stat().st_size > first.start):
         what = f"is damaged: {first.end - first.start:,} bytes at {first.start:,} can't be read"
-        what += f" and were set aside as {first.quarantined_as}" if first.quarantined_as else ""
+        if first.quarantined_as and where.with_name(first.quarantined_as).exists():
+            what += f" and were set aside as {first.quarantined_as}"
     elif first.start:
         what = f"ends at byte {first.start:,}, {first.end - first.start:,} bytes are missing"
     else:
