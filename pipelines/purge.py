@@ -14,23 +14,22 @@ import shutil
 from pathlib import Path
 
 from kb.annotate.scores import drop_unused
-from kb.artifacts import domain_binding, manifest
+from kb.artifacts import domain_binding, freshness, manifest
 from kb.artifacts import purge as steps
+from kb.artifacts.freshness import sources_of
+from kb.artifacts.makers import FAILED, LEFT_OUT, make_outdated
 from kb.artifacts.purge import PurgeLine, PurgeRules, Step
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
-from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.sources import MADE_OF, SOURCES
 from kb.core.summary import Summary
 from kb.crawl.purge import purge_answers
-from kb.export import layouts
 from kb.filters.filter_run import texts
 from kb.release.build import describe
-from kb.report.build import report_again
 from kb.store import lock
-from kb.store.layout import Layout
+from kb.store.artifact_registry import ARTIFACTS, RELEASE
 
 STEPS: tuple[Step, ...] = (steps.index, steps.rows, steps.exports)
 
@@ -85,13 +84,19 @@ def _asked_for(
 
 
 def _write_again(run: Run, source: str) -> None:
-    """Exports are written again from clean, and everything around them; what can't is removed."""
-    layouts.export_again(run, source)
-    if source == "youtube":
-        layouts.export_again(run, "open-text")
-        shutil.rmtree(Layout(run.root).pairing, ignore_errors=True)
-        layouts.export_again(run, "pairs")
-        load(str(locate("tasks"))).rebuild(run)
-    load(str(locate("links"))).rebuild(run)
+    """What is made of the source is made again, and what can't be is removed."""
+    kept = (f"clean/{source}", f"index/{source}", RELEASE)
+    there = [
+        name
+        for name, artifact in ARTIFACTS.items()
+        if source in sources_of(name) and name not in kept and artifact.folder(run.root).exists()
+    ]
+    for outcome in make_outdated(run, freshness.plan(run, there)):
+        if outcome.outcome not in (FAILED, LEFT_OUT):
+            continue
+        if isinstance(outcome.error, DamagedData):
+            raise outcome.error
+        place = ARTIFACTS[outcome.artifact].folder(run.root)
+        shutil.rmtree(place) if place.is_dir() else place.unlink(missing_ok=True)
+        run.progress.say(f"{outcome.artifact} was removed: {outcome.error}")
     describe(run, [source, *MADE_OF])
-    report_again(run)
