@@ -11,8 +11,9 @@ What was deleted at its source, or named, leaves every folder for good.
 from pathlib import Path
 
 from kb.annotate.scores import drop_unused
-from kb.artifacts import domain_binding, manifest
+from kb.artifacts import domain_binding, freshness, manifest
 from kb.artifacts import purge as steps
+from kb.artifacts.makers import failure, make_outdated
 from kb.artifacts.purge import PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
@@ -58,16 +59,10 @@ def purge(
 
 
 def make_again(run: Run) -> None:
-    from kb.artifacts import freshness
-    from kb.cli.commands.build import _make
-
-    names = set(manifest.vacant(run.root))
-    if freshness._described(run.root) is not None:
-        names.add(freshness.RELEASE)
-    graph = [n for n in freshness._ordered() if n in names]
-    outdated = freshness.plan(run, graph)
-    steps = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
-    _make(run, len(graph), outdated, steps)
+    """Make what purges removed. Raises what `failure` gives; what fails is gone all the same."""
+    outdated = freshness.plan(run, manifest.vacant(run.root))
+    if error := failure(list(make_outdated(run, outdated))):
+        raise error
 
 
 def plan(run: Run, source: str, ids: Path | None, people: Path | None = None) -> Summary:

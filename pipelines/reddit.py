@@ -16,6 +16,7 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean
+from kb.filters.filter_run import check_kept, run_clean
 from kb.filters.predicates import AtLeast, In, NotIn, NotTrue, Predicate, Present, Waits, none_above
 from kb.reddit import status
 from kb.reddit.parse.answers import KINDS, raw_kind
@@ -83,7 +84,12 @@ def clean(p: Profile) -> Clean:
     )
 
 
-def export(run: Run, format: str, **options: Any) -> Summary:
-    """Clean to release/reddit, or to export/<format>."""
+def tables(run: Run) -> Summary:
+    """raw/reddit to clean/reddit."""
+    return check_kept(run, "reddit", run_clean(run, "reddit"))
+
+
+def export(run: Run, format: str = "parquet", **options: Any) -> Summary:
+    """clean/reddit to release/reddit, or to export/<format>."""
     made = layouts.export(run, "reddit", format, **options)
     return Summary(made | status.incomplete_count(run.root))

@@ -10,7 +10,7 @@ downloads it brings the content back with keys of their own.
 from dataclasses import replace
 
 from kb.artifacts.restore import RestoreJob, choose, write_missing
-from kb.core.config.pipeline import load, locate
+from kb.core.config.pipeline import Recipe
 from kb.core.config.profile import Profile
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
@@ -33,7 +33,7 @@ ROWS = ("videos", "transcripts", "posts", "comments", "pairs", "filled", "differ
 
 def clean(p: Profile) -> Clean:
     """Raw answers to the tables of every available video: what is released was judged."""
-    shipped: Clean = load(str(locate("youtube"))).clean(p)
+    shipped: Clean = Recipe("youtube").defined("clean")(p)
     chain = replace(
         shipped.chains[0],
         stages=released_stages(p.section(YouTubeSection)),
@@ -88,4 +88,4 @@ def _jobs(run: Run, folders: Folders, dumps: Dumps, only: str | None) -> tuple[R
 
 def _sort(run: Run) -> None:
     """The raw answers of a work folder → its clean tables, by `clean` above."""
-    run_clean(replace(run, pipeline=str(locate("restore"))), "youtube")
+    run_clean(run, "youtube", recipe="restore")

@@ -20,8 +20,9 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
+from kb.filters.filter_run import check_kept, run_clean
 from kb.filters.predicates import AtLeast, Predicate, Present, RecordedReason, Waits, none_above
-from kb.wiki.parse import tables
+from kb.wiki.parse import tables as parsed
 from kb.wiki.parse.decode import HELPERS, KINDS, assemble
 from kb.wiki.parse.facts import MarkupRules
 
@@ -63,11 +64,16 @@ def clean(p: Profile) -> Clean:
         kinds=KINDS,
         assemble=partial(assemble, url=p.section(WikiSection).url),
         chains=(pages(stages(p), also=also, described_by=shown),),
-        follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
+        follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in parsed.PARTS),
         scorer=toxicity,
-        side_files=SideFiles(partial(tables.read_pages, rules=rules), tables.size),
-        figures=tables.figures,
+        side_files=SideFiles(partial(parsed.read_pages, rules=rules), parsed.size),
+        figures=parsed.figures,
     )
+
+
+def tables(run: Run) -> Summary:
+    """raw/wiki to clean/wiki."""
+    return check_kept(run, "wiki", run_clean(run, "wiki"))
 
 
 def export(run: Run, format: str = "parquet", **options: Any) -> Summary:

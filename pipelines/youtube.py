@@ -17,6 +17,7 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow
+from kb.filters.filter_run import check_kept, run_clean
 from kb.filters.predicates import (
     AtLeast,
     In,
@@ -114,11 +115,16 @@ def clean(p: Profile) -> Clean:
     )
 
 
-def export(run: Run, format: str, **options: Any) -> Summary:
-    """Clean to release/youtube and release/open-text, or to a format of others."""
-    summary = layouts.export(run, "youtube", format, **options)
-    if format != "parquet":
-        return summary
-    made = layouts.export(run, "open-text")
-    counted = {name: made[name] for name in ("open_text", "uncredited") if made.get(name)}
-    return Summary(summary | counted)
+def tables(run: Run) -> Summary:
+    """raw/youtube to clean/youtube."""
+    return check_kept(run, "youtube", run_clean(run, "youtube"))
+
+
+def export(run: Run, format: str = "parquet", **options: Any) -> Summary:
+    """clean/youtube to release/youtube, or to export/<format>."""
+    return layouts.export(run, "youtube", format, **options)
+
+
+def export_open_text(run: Run) -> Summary:
+    """Transcripts under an open licence to release/open-text, where the profile asks for it."""
+    return layouts.export(run, "open-text")

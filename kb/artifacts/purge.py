@@ -28,6 +28,7 @@ from pathlib import Path
 import msgspec
 
 from kb.artifacts import index, manifest, purge_raw
+from kb.artifacts.freshness import sources_of
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, in_answers, warn
 from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absent, unseen
@@ -38,7 +39,7 @@ from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.store import lock
-from kb.store.artifact_registry import ARTIFACTS, Artifact, artifact_of, derived_from
+from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of
 from kb.store.atomic import remove, write_bytes
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import damaged_answers, rawlog
@@ -349,14 +350,19 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
 
     A dry run counts those of releases as well, which are copies of the others.
     """
-    rules, root, names = purge.rules, purge.root, derived_from(f"raw/{purge.rules.source}")
+    rules, root = purge.rules, purge.root
+    names = [
+        name
+        for name, artifact in ARTIFACTS.items()
+        if artifact.maker and rules.source in sources_of(name)
+    ]
     locations = (*rules.rows, *(released(rules.rows) if purge.dry else ()))
     with suppress(DamagedData):  # whatever a damaged table holds goes with it
         for line in drop_rows(root, filter(_is_derived, locations), purge.keys, dry=True):
             yield PurgeLine(*line)
     if purge.dry:
         for name in names:
-            if not ARTIFACTS[name].tables:
+            if not ARTIFACTS[name].tables and name != RELEASE:
                 yield count_files(root, ARTIFACTS[name])
         return
     note = unfinished(root, rules.source)
@@ -372,7 +378,8 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
     for name in names:
         if ARTIFACTS[name].public and name in note.manifests:
             manifest.write_vacant(root, note.manifests[name])
-        remove(ARTIFACTS[name].folder(root))
+        if name != RELEASE:  # what it wrote lies in the folders of the others
+            remove(ARTIFACTS[name].folder(root))
         shutil.rmtree(Layout(root).state_folder(name), ignore_errors=True)  # parts on their way
     index.remove(root, rules.source)  # one in the user's cache as well
 
@@ -399,7 +406,7 @@ def _rows(purge: Purge, locations: Iterable[RowLocation]) -> Iterator[PurgeLine]
 
 def _is_derived(location: RowLocation) -> bool:
     match = artifact_of(Path(location.folder, "rows"))
-    return match is None or not match[1].is_kept
+    return match is None or match[1].maker is not None
 
 
 def state(purge: Purge) -> None:

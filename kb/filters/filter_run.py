@@ -6,7 +6,7 @@ pending.
     judge    a task per bucket: newest rows joined, judged by stages in order, written
 
 The steps of a task are in kb.filters.tasks. Workers get paths and names only, and of a
-user's own pipeline its text. clean/<source> is replaced in one step after the counts were checked.
+user's own recipe its text. clean/<source> is replaced in one step after the counts were checked.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts import domain_binding, freshness, index, manifest
-from kb.core.config import pipeline
+from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.engine import Workers, executor_of, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError, NothingKept
@@ -51,14 +51,15 @@ from kb.store.tables.shard_writer import write_table
 _WHY = {"rejected": ("stage", "reason"), "failed": ("reason",)}  # columns that explain a verdict
 
 
-def run_clean(run: Run, source: str) -> Summary:
-    """Filter a source's raw answers. Returns the tally, counts by stage, and anomalies.
+def run_clean(run: Run, source: str, recipe: str = "") -> Summary:
+    """Filter a source's raw answers, by the recipe of that name instead of the source's own.
+    Returns the tally, counts by stage, and anomalies.
 
     Raises FatalError without raw data, CountMismatch, WriterLocked, DiskFull, and what the scorer
     raises without its model.
     """
     run.profile.section(source)
-    job = _job(run, source)
+    job = _job(run, source, recipe)
     spec = spec_of(job)
     key = spec.scorer.check(run, source) if spec.scorer is not None else ""
     _segments(run.root, spec)  # without any, nothing is written
@@ -101,13 +102,13 @@ def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
         yield from _texts(run, decoded)
 
 
-def check_kept(run: Run, source: str, summary: Summary) -> None:
-    """Raises NothingKept (with `summary`) when every row failed or was rejected.
+def check_kept(run: Run, source: str, summary: Summary) -> Summary:
+    """The summary. Raises NothingKept, which has it, when every row failed or was rejected.
 
     Rows that wait for the crawl may still be kept.
     """
     if summary["kept"] or summary["pending"] or not summary["crawled"]:
-        return
+        return summary
     counts: Counter[tuple[str, str]] = Counter()
     for verdict, columns in _WHY.items():
         for path in parquet_files(Layout(run.root).clean(source) / verdict):
@@ -128,9 +129,9 @@ def check_kept(run: Run, source: str, summary: Summary) -> None:
     raise error
 
 
-def _job(run: Run, source: str) -> FilterJob:
+def _job(run: Run, source: str, recipe: str = "") -> FilterJob:
     return FilterJob(
-        pipeline=pipeline.packed(source, run.pipeline),
+        recipe=recipe_of(run.profile, recipe or source),
         profile=run.profile.model_dump_json(),
         profile_path=str(run.profile.path),
         source=source,

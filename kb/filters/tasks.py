@@ -9,7 +9,7 @@
 
 `collect_texts` does `latest`, `join` and a part of `judge_chain` before, to find the texts that
 need a toxicity score. A task is a `FilterJob` and the name of a segment or the number of a bucket;
-the pipeline is made of its name or text. No function holds more than a bucket.
+the recipe is made of its name or text. No function holds more than a bucket.
 """
 
 import json
@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config import pipeline
+from kb.core.config.pipeline import Recipe
 from kb.core.config.profile import Profile
 from kb.core.errors import FatalError
 from kb.filters.chain import Chain, Clean, Judged, declared_columns, judge_chain
@@ -37,9 +37,9 @@ from kb.store.tables.shard_writer import write_table
 
 
 class FilterJob(NamedTuple):
-    """What a worker needs to know, as plain strings and numbers. `pipeline` is packed."""
+    """What a worker needs to know, as plain strings and numbers."""
 
-    pipeline: tuple[str, str]
+    recipe: Recipe
     profile: str
     profile_path: str
     source: str
@@ -52,16 +52,17 @@ class FilterJob(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _pipeline_spec(packed: tuple[str, str], profile: str, profile_path: str, source: str) -> Clean:
+def _recipe_spec(recipe: Recipe, profile: str, profile_path: str, source: str) -> Clean:
     made = Profile.model_validate({**json.loads(profile), "path": profile_path})
-    spec = pipeline.unpack(*packed).clean(made)
+    spec = recipe.defined("clean")(made)
     if not isinstance(spec, Clean) or spec.source != source:
-        raise FatalError(f"{packed[0]}: clean(p) must return the Clean of {source}")
+        where = recipe.path or recipe.name
+        raise FatalError(f"{where}: clean(p) must return the Clean of {source}")
     return spec
 
 
 def spec_of(job: FilterJob) -> Clean:
-    return _pipeline_spec(job.pipeline, job.profile, job.profile_path, job.source)
+    return _recipe_spec(job.recipe, job.profile, job.profile_path, job.source)
 
 
 def decode_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict[str, Any]:

@@ -24,10 +24,10 @@ from typing import Any, NamedTuple, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import manifest, texts
+from kb.artifacts import domain_binding, manifest, texts
 from kb.artifacts.manifest import Build
 from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_part
-from kb.artifacts.table_catalog import NO_TABLES, Catalog
+from kb.artifacts.table_catalog import NO_TABLES
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.installation import np
@@ -40,7 +40,6 @@ from kb.pairs.matching import phrase
 from kb.schema.wiki_page import PageNames
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout, parquet_files
-from kb.store.lock import writer
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 from kb.store.tables.shard_writer import ShardWriter, sorted_shards, write_table
@@ -61,7 +60,7 @@ def build(run: Run, names: Callable[[], Mapping[str, PageNames]]) -> Summary:
     clean tables, Interrupted, WriterLocked, DamagedData, DiskFull.
     """
     keywords = check(run)
-    with writer(Catalog(run.root.absolute()).workplace, "links"):
+    with domain_binding.writing(run, "links"):
         files, inputs = texts.files(run.root, "links"), texts.inputs(run.root, "links")
         called = names() if _PAGES in files else {}
         plan = {

@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from kb.artifacts import freshness, manifest, measures
+from kb.artifacts import domain_binding, freshness, manifest, measures
 from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_part
 from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
@@ -22,7 +22,6 @@ from kb.pairs import keywords as lists
 from kb.pairs import quality, transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of
 from kb.store.layout import Layout
-from kb.store.lock import writer
 from kb.store.tables.shard_writer import sorted_shards
 
 _ROWS = 4096  # transcripts of a part: some seconds of work
@@ -50,7 +49,7 @@ def build(run: Run) -> Summary:
         "keywords": lists.plain(keywords),
         "language": one_name(run.profile.youtube.language) if run.profile.youtube else "",
     }
-    with writer(run.root, "pairs"):
+    with domain_binding.writing(run, "pairs"):
         parted = PartedBuild(run, "pairs", manifest.inputs(run.root, "pairs"), plan)
         if parted.is_current():
             run.progress.say("pairs are up to date")

@@ -8,7 +8,6 @@ import contextlib
 import importlib.util
 import itertools
 import re
-import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
@@ -22,7 +21,7 @@ from kb.artifacts.table_catalog import Catalog, empty
 from kb.core import signals
 from kb.core.config.profile import Profile
 from kb.core.context import Run
-from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
+from kb.core.errors import MissingExtra, UsageError
 from kb.core.installation import install_extra
 from kb.core.publication import Publication
 from kb.core.source import Source
@@ -187,19 +186,6 @@ def report(run: Run, out: Path | None = None) -> Summary:
         raise empty(run.root)
     with domain_binding.writing(run, "report"):
         return _report(run, out)
-
-
-def report_again(run: Run) -> None:
-    """The report of today's rows, where there is one; it goes where its packages are not there."""
-    place = Layout(run.root).report
-    if not place.exists():
-        return
-    try:
-        report(run)
-    except (MissingExtra, FatalError) as error:
-        if isinstance(error, DamagedData):
-            raise
-        shutil.rmtree(place)
 
 
 @contextlib.contextmanager

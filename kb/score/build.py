@@ -279,7 +279,7 @@ def _digests(rows: Sequence[Row]) -> dict[str, str]:
 def put_back(run: Run) -> None:
     """Scores of pairs that were made again, where all scored pairs of a video are what they were.
 
-    Opens no film. Call it under the lock of pairs. Raises DamagedData, DiskFull.
+    Opens no film. Raises WriterLocked, DamagedData, DiskFull.
     """
     at = Layout(run.root)
     measured = measures.read_measures(at.pairs).get(SECTION)
@@ -298,7 +298,8 @@ def put_back(run: Run) -> None:
         for video, own in groupby(rows, key=itemgetter("video_id")):
             if known[video].pairs.items() <= _digests(list(own)).items():
                 scored_rows.append(_rows(video, name, known[video]))
-    _write(run, name, scored_rows)
+    with writer(run.root, "pairs"):
+        _write(run, name, scored_rows)
     if lost := measured["pairs"] - sum(map(len, scored_rows)):
         run.progress.say(
             f"{lost:,} pairs have no scores any more; run `kb pairs score` again, which decodes no"

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import manifest
-from kb.core.config.pipeline import load, locate
+from kb.artifacts.makers import make_and_export
 from kb.core.errors import DamagedData, KbError, ReleaseRefused
 from kb.export import layouts, minedojo
 from kb.filters.filter_run import run_clean
@@ -42,7 +42,7 @@ def one(folder: Path) -> Path:
 
 
 def pairs(root: Path, **options: bool) -> object:
-    return load(str(locate("pairs", None))).pairs(replace(run_at(root), **options), "parquet")
+    return make_and_export(replace(run_at(root), **options), "pairs")
 
 
 READERS = {

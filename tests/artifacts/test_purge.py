@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from kb.artifacts import purge
 from kb.artifacts.purge_raw import Matcher, changed_frames, rewrite_segment, strip_by_schema
 from kb.artifacts.purge_rows import RowLocation, drop_rows
-from kb.core.config.pipeline import load, locate
+from kb.core.config.pipeline import Recipe
 from kb.core.errors import DamagedData, FatalError, SettingError
 from kb.core.progress import LineProgress
 from kb.core.sources import SOURCES
@@ -111,7 +111,7 @@ def test_a_list_that_names_no_item_changes_nothing(root: Path, tmp_path: Path) -
     before = sorted(root.rglob("*"))
     for command in ("purge", "plan"):
         with pytest.raises(SettingError, match=r"https://vimeo\.com/watch\?v=PotteryVi01") as error:
-            getattr(load(str(locate("purge"))), command)(run_at(root), "youtube", ids)
+            Recipe("purge").defined(command)(run_at(root), "youtube", ids)
         assert error.value.exit_code == 2
     assert sorted(root.rglob("*")) == before
 
@@ -135,7 +135,7 @@ def test_an_interrupted_purge_says_in_the_end_what_it_would_have_said(
     purged(run_at(root), "youtube", OTHER)
     ids = tmp_path / "ids.txt"
     ids.write_text(f"{VIDEO}\n{OTHER}\n{NEVER}\n")
-    room = load(str(locate("purge")))
+    room = Recipe("purge")
 
     def stop(*arguments: object) -> None:
         raise KeyboardInterrupt
@@ -143,10 +143,10 @@ def test_an_interrupted_purge_says_in_the_end_what_it_would_have_said(
     with monkeypatch.context() as patch:
         patch.setattr(purge, "finish", stop)
         with pytest.raises(KeyboardInterrupt):
-            room.purge(run_at(root), "youtube", ids)
+            room.defined("purge")(run_at(root), "youtube", ids)
     assert Layout(root).purge("youtube").exists()
     for command in ("plan", "purge"):
-        summary = getattr(room, command)(run_at(root), "youtube", ids)
+        summary = room.defined(command)(run_at(root), "youtube", ids)
         assert [summary[name] for name in COUNTS] == [1, 0, 1, 1, 0]
 
 

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
-from kb.core.config.pipeline import load, locate
+from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.export import layouts, open_text
 from kb.release.build import release
@@ -181,7 +181,7 @@ def test_a_purged_video_leaves_it(root: Path, run: Run, tmp_path: Path) -> None:
     release(run)
     ids = tmp_path / "ids"
     ids.write_text(f"{OPEN[1]}\n")
-    load(str(locate("purge"))).purge(run, "youtube", ids)
+    Recipe("purge").defined("purge")(run, "youtube", ids)
     folder = root / "release/open-text"
     assert not [path for path in folder.glob("*.parquet") if OPEN[1].encode() in path.read_bytes()]
     data = kb.load(folder)

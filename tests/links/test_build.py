@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
-from kb.core.config.pipeline import load, locate
+from kb.artifacts.makers import make_and_export
+from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.core.errors import DamagedData, WriterLocked
 from kb.core.progress import Progress
@@ -164,7 +165,7 @@ def test_a_lost_or_damaged_file_is_told_and_mended(run: Run) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     (one,) = verify(run.root, Progress()).entries
     assert (one.kind, one.state, one.advice) == ("links", "damaged", "run `kb links --again`")
-    said = load(str(locate("verify"))).repair(run)[1]
+    said = Recipe("verify").defined("repair")(run)[1]
     assert said == ["`kb links --again` was run"]
     assert not verify(run.root, Progress()).entries
 
@@ -186,7 +187,7 @@ def test_one_writer_and_no_filter_meanwhile(run: Run) -> None:
 
 
 def test_every_pair_has_its_link(run: Run) -> None:
-    load(str(locate("pairs"))).pairs(run, "parquet")
+    make_and_export(run, "pairs")
     made.links(run, NAMES)
     with connect(run.root) as con:
         pairs = con.execute("SELECT count(*) FROM pairs").fetchone()

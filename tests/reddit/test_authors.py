@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from kb.core.config import pipeline
+from kb.core.config.pipeline import Recipe
 from kb.core.errors import SettingError
 from kb.reddit import purge
 from kb.reddit.crawl.importer import import_dumps
@@ -272,7 +272,7 @@ def test_what_others_records_show_of_them_goes(tmp_path: Path) -> None:
         root = tmp_path / f"root-{later}"
         (tmp_path / "names").write_text(NAME)
         run = run_in(root)
-        purge = pipeline.load(str(pipeline.locate("purge"))).purge
+        purge = Recipe("purge").defined("purge")
         if later:
             root.mkdir()
             assert purge(run, "reddit", None, tmp_path / "names")["unknown"] == 1

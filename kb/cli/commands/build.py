@@ -4,25 +4,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import find_command, show
-from kb.cli.framework.options import CLUSTER, Plan, pipeline
+from kb.cli.framework.options import CLUSTER, Plan
 from kb.core.context import Run
 from kb.core.errors import (
     DiskFull,
     FatalError,
     Interrupted,
     KbError,
-    NothingKept,
     SettingError,
     Stopped,
 )
-from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
+
+if TYPE_CHECKING:
+    from kb.artifacts.freshness import Reasons
 
 app = group("Make everything that is out of date, in order.")
 
@@ -65,7 +67,6 @@ def build(
     from kb.artifacts import freshness
     from kb.artifacts.resumable_build import clear_finished
     from kb.artifacts.table_catalog import Catalog
-    from kb.store.artifact_registry import ARTIFACTS
 
     if Catalog(run.root.absolute()).is_download:
         raise FatalError(f"{run.root} is a download", hint="only a data root can be built")
@@ -77,99 +78,46 @@ def build(
             hint="run a crawl or an import first, or `kb demo` to see the whole job",
         )
     outdated = freshness.plan(run, graph)
-    steps = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
     if plan:
         for line in freshness.lines(outdated):
             show(line)
-        return Summary(command="build --plan", current=len(graph) - len(outdated), steps=steps)
+        return Summary(
+            command="build --plan", current=len(graph) - len(outdated), steps=_steps(outdated)
+        )
     for name in graph:
-        if name in ARTIFACTS and name not in outdated:
+        if name not in outdated:
             clear_finished(run.root, name)
-    return _make(run, len(graph), outdated, steps)
+    return _make(run, len(graph), outdated)
 
 
-def _make(
-    run: Run, size: int, outdated: dict[str, list[str]], steps: list[dict[str, Any]]
-) -> Summary:
-    """Make the outdated ones of `size` artifacts, each if it is still out of date when its turn
-    comes; each of `steps` gets its outcome.
-    """
-    from kb.artifacts import freshness
-    from kb.store.artifact_registry import ARTIFACTS
+def _steps(outdated: Reasons) -> list[dict[str, Any]]:
+    return [{"artifact": name, "reasons": why} for name, why in outdated.items()]
 
-    lost: dict[str, KbError] = {}  # artifacts that are not there in today's form, and why
-    failures: list[tuple[str, KbError]] = []
+
+def _make(run: Run, size: int, outdated: Reasons) -> Summary:
+    """Make the outdated ones of `size` artifacts. Raises what `makers.failure` says."""
+    from kb.artifacts.makers import FAILED, MADE, UNCHANGED, failure, make_outdated
+
+    steps = _steps(outdated)
     summary = Summary(command="build", made=0, current=size - len(outdated), failed=0, steps=steps)
-    for name, step in zip(outdated, steps, strict=True):
-        inputs = ARTIFACTS[name].inputs if name in ARTIFACTS else list(outdated)
-        if without := [one for one in inputs if one in lost]:
-            lost[name] = lost[without[0]]
-            step["outcome"] = f"left out: {without[0]} failed"
-            run.progress.say(f"{name} is left out, because {without[0]} failed")
-            continue
-        if not freshness.reasons(run, name):
-            step["outcome"] = "unchanged"
-            summary["current"] += 1
-            continue
-        run.progress.say(f"{name}: {', '.join(step['reasons'])}")
-        try:
-            _make_one(run, name)
-        except Stopped as error:
-            error.summary = summary
-            raise
-        except KbError as error:
-            failures.append((name, error))
-            step["outcome"] = f"failed: {error}"
-            run.progress.say(f"{name} failed: {error}")
-            for line in getattr(error, "problems", []):
-                show(line, err=True)
-            if not isinstance(error, NothingKept):  # its tables are there, without rows
-                lost[name] = error
-                summary["failed"] += 1
-                continue
-        else:
-            step["outcome"] = "made"
-        summary["made"] += 1
-    if not failures:
-        return summary
-    name, first = failures[0]
-    more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
-    ended = FatalError(f"{name}{more} failed: {first}", hint=first.hint)
-    ended.summary = summary
-    raise ended
-
-
-def _make_one(run: Run, name: str) -> None:
-    """Make one artifact by the code of its command."""
-    from kb.artifacts import domain_binding, freshness
-    from kb.export import layouts
-
-    kind, _, rest = name.partition("/")
-    if kind == "clean":
-        from kb.filters.filter_run import check_kept, run_clean
-
-        check_kept(run, rest, run_clean(run, rest))
-    elif kind == "index":
-        from kb.search.build import follow
-
-        follow(run, rest)
-    elif kind == "report":
-        from kb.report.build import report
-
-        report(run)
-    elif name == freshness.RELEASE:
-        pipeline(run, "release").release(run, [])
-    elif kind in ("pairs", "tasks", "links"):
-        room = pipeline(run, kind)
-        with domain_binding.writing(run, kind, f"release-{kind}"):
-            room.build(run) if kind == "pairs" else room.tables(run)
-    else:
-        of = rest if kind == "release" else freshness.made_from(name)
-        layout = "parquet" if kind == "release" else rest.partition("/")[0]
-        owner = PUBLISHED[of].part_of
-        locks = [f"release-{one}" for one in (of, owner) if one]
-        with domain_binding.writing(run, *locks):
-            layouts.export(run, of, layout)
+    counted = {MADE: "made", UNCHANGED: "current", FAILED: "failed"}
+    outcomes = []
+    try:
+        for outcome, step in zip(make_outdated(run, outdated), steps, strict=True):
+            outcomes.append(outcome)
+            step["outcome"] = str(outcome)
+            if outcome.outcome in counted:
+                summary[counted[outcome.outcome]] += 1
+    except Stopped as error:
+        error.summary = summary
+        raise
+    for outcome in outcomes:
+        for line in getattr(outcome.error, "problems", []):
+            show(line, err=True)
+    if (ended := failure(outcomes)) is not None:
+        ended.summary = summary
+        raise ended
+    return summary
 
 
 update_app = group("Do what is due: crawl what is new, refresh, purge, build.")

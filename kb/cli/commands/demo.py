@@ -19,8 +19,9 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import fail, find_command
-from kb.cli.framework.options import CLUSTER, Options, pipeline, without_scores
+from kb.cli.framework.options import CLUSTER, Options, without_scores
 from kb.core import signals
+from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.core.errors import MissingExtra, SettingError, UsageError
 from kb.core.progress import Progress
@@ -110,10 +111,10 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
             run = replace(run, profile=without_scores(run.profile))
         if not sys.stderr.isatty():  # each step is a line of stdout, which is enough
             run = replace(run, progress=Progress())
-        plan = pipeline(run, "demo")
+        job = Recipe("demo")
         given = {"reddit import": {"files": dumps(services.world.reddit, run.root / _DUMPS)}}
-        steps = [step for step in plan.STEPS if step not in without]
-        return _all(steps, plan.QUERIES, words, run, services, given)
+        steps = [step for step in job.defined("STEPS") if step not in without]
+        return _all(steps, job.defined("QUERIES"), words, run, services, given)
 
 
 def _remove(root: Path) -> None:

@@ -25,10 +25,10 @@ from kb.core.config.profile.base import (
     Problem,
     is_everyday,
     is_placeholder,
+    lies_beside,
     problems,
     read_text,
 )
-from kb.core.config.profile.products import is_list_name
 from kb.core.errors import ProfileError
 from kb.core.installation import folder
 from kb.core.licences import KNOWN
@@ -93,7 +93,7 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
     section = data.get("pairs")
     names = section.get("keyword_files") if isinstance(section, dict) else None
     listed = names if isinstance(names, list) else []
-    lists = tuple(one for one in listed if isinstance(one, str) and is_list_name(one))
+    lists = tuple(one for one in listed if isinstance(one, str) and lies_beside(one, ".tsv"))
     return Checked(profile, lists, findings)
 
 

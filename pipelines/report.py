@@ -1,0 +1,14 @@
+"""Report: figures and one page of what was collected (MineDojo paper, appendix "Datasheet":
+composition).
+"""
+
+from pathlib import Path
+
+from kb.core.context import Run
+from kb.core.summary import Summary
+from kb.report import build
+
+
+def report(run: Run, out: Path | None = None) -> Summary:
+    """clean/, pairs/, tasks/ and links/ → report/, or `out`."""
+    return build.report(run, out)
