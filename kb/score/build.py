@@ -233,7 +233,7 @@ def score(
             counts[UNDECODABLE if made.undecodable else SHORT] += len(own) - len(made.scores)
             scored_rows.append(_rows(own[0]["video_id"], name, made))
             task.advance(1, pairs=len(made.scores))
-        visible = _write(run, name, scored_rows)
+        visible = _write(run, _with_others(run, name, scored_rows))
     scored = sum(map(len, scored_rows))
     return Summary(
         command="pairs score",
@@ -299,7 +299,7 @@ def put_back(run: Run) -> None:
             if known[video].pairs.items() <= _digests(list(own)).items():
                 scored_rows.append(_rows(video, name, known[video]))
     with writer(run.root, "pairs"):
-        _write(run, name, scored_rows)
+        _write(run, scored_rows)
     if lost := measured["pairs"] - sum(map(len, scored_rows)):
         run.progress.say(
             f"{lost:,} pairs have no scores any more; run `kb pairs score` again, which decodes no"
@@ -329,11 +329,8 @@ def _rows(video_id: str, model: str, made: VideoScores) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=table(NAME).arrow())
 
 
-def _write(run: Run, model: str, scored_rows: list[pa.Table]) -> dict[str, Any]:
-    """Put new scores beside those of other pairs by the same model, and what they say of all into
-    pairs/measures.json; what people's judgements say of them.
-    """
-    folder = Layout(run.root).pairs
+def _with_others(run: Run, model: str, scored_rows: list[pa.Table]) -> list[pa.Table]:
+    """New scores, and those of other pairs by the same model."""
     fresh = pa.concat_tables([table(NAME).arrow().empty_table(), *scored_rows])
     kept = [parquet.read_table(path) for path in Layout(run.root).rows(NAME)]
     kept = [
@@ -345,7 +342,15 @@ def _write(run: Run, model: str, scored_rows: list[pa.Table]) -> dict[str, Any]:
         )
         for one in kept
     ]
-    every = pa.concat_tables([fresh, *(one.cast(fresh.schema) for one in kept)])
+    return [fresh, *(one.cast(fresh.schema) for one in kept)]
+
+
+def _write(run: Run, scored_rows: list[pa.Table]) -> dict[str, Any]:
+    """Write the scores, and what they say of all pairs into pairs/measures.json; what people's
+    judgements say of them.
+    """
+    folder = Layout(run.root).pairs
+    every = pa.concat_tables([table(NAME).arrow().empty_table(), *scored_rows])
     measured = section(run.root, run.profile, every)
     sections = measures.read_measures(folder) | {SECTION: measured}
     with manifest.editing(run.root, "pairs"):
