@@ -28,7 +28,6 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.tables import parquet, shard_writer
 from kb.store.tables.shard_writer import write_table
 from kb.verify.root import verify
-from kb.wiki.parse.answers import named_pages
 from tests.inprocess import Here
 from tests.links import made
 
@@ -200,109 +199,6 @@ def test_every_pair_has_its_link(run: Run) -> None:
     assert joined is not None
     assert joined[0] == pairs[0] > 5
     assert joined[1] == 0  # never later than the pair, and the first pair's own second
-
-
-@pytest.mark.parametrize(
-    ("source", "key", "gone", "rows"),
-    [
-        ("youtube", SECRET, SECRET, 5),
-        ("reddit", "t1_c2", "t1_c2", 1),
-        ("reddit", "t3_p0", "t3_p0", 5),
-        ("wiki", "10", None, 3),
-    ],
-)
-def test_a_purge_leaves_no_byte(
-    run: Run, here: Here, tmp_path: Path, source: str, key: str, gone: str | None, rows: int
-) -> None:
-    at = ("--data", str(run.root), "--profile", str(run.profile.path))
-    ids = tmp_path / "ids.txt"
-    ids.write_text(key)
-    assert here("links", *at).code == 0
-    assert here("release", *at).code == 0
-    planned = here("purge", source, "--ids", str(ids), "--plan", "--json", *at)
-    plan = json.loads(planned.out.splitlines()[-1])
-    if source != "wiki":  # whose plan counts what was crawled, and here is no crawl
-        assert plan["links"] == rows
-        assert {"folder": "release/links", "what": "links/links", "count": rows} in plan["lines"]
-    before = len(made.rows(run.root))
-    done = here("purge", source, "--ids", str(ids), "--workers", "1", *at)
-    assert done.code == 0, done.err
-    left = made.rows(run.root)
-    with_it = 3 if key == "t3_p0" else 0  # its comments
-    assert len(left) == before - rows - with_it > 10
-    assert not [row for row in left if (row["source"], row["key"]) == (source, key)]
-    if gone is None:  # the page's id is short: its rows, and who had it for a page
-        assert all(row["wiki_page_id"] != 10 for row in made.rows(run.root, "entities"))
-    else:
-        folders = (run.root / "links", run.root / "release" / "links", run.root / "state" / "links")
-        files = [path for folder in folders for path in folder.rglob("*") if path.is_file()]
-        held = [path for path in files if "tombstones" not in path.name]
-        assert not [path for path in held if gone.encode() in _plain(path)]
-    kept = bytes_of(run.root)
-    made.links(replace(run, again=True), named_pages(run.root))
-    assert bytes_of(run.root) == kept
-    assert here("release", *at).code == 0
-    assert not verify(run.root, Progress()).entries
-
-
-def _plain(path: Path) -> bytes:
-    """A file's bytes, and what is compressed in it."""
-    if path.suffix != ".parquet":
-        return path.read_bytes()
-    return path.read_bytes() + json.dumps(pq.read_table(path).to_pylist()).encode()
-
-
-def test_a_purge_clears_what_a_killed_run_had_read(run: Run, here: Here, tmp_path: Path) -> None:
-    left = run.root / "state" / "links" / "0123" / "youtube.videos.part-00000.parquet"
-    left.parent.mkdir(parents=True)
-    left.write_text(SECRET)
-    (tmp_path / "ids.txt").write_text(SECRET)
-    at = ("--data", str(run.root), "--profile", str(run.profile.path))
-    done = here("purge", "youtube", "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
-    assert done.code == 0, done.err
-    assert not left.exists()
-    assert not (run.root / "links").exists()  # nobody had made any
-
-
-def test_tables_that_a_purge_cannot_make_again_do_not_stay(
-    run: Run, here: Here, tmp_path: Path
-) -> None:
-    at = ("--data", str(run.root), "--profile", str(run.profile.path))
-    assert here("links", *at).code == 0
-    run.profile.resolve_file("keywords.tsv").unlink()
-    (tmp_path / "ids.txt").write_text(SECRET)
-    done = here("purge", "youtube", "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
-    assert done.code == 0, done.err
-    assert "the entity tables were removed: the keyword list" in done.err
-    assert not (run.root / "links").exists()
-    assert not (run.root / "release" / "links").exists()
-
-
-def test_a_purge_of_one_source_leaves_the_same_key_of_another(run: Run, here: Here) -> None:
-    """Ids of videos are any eleven signs, those of pages any number."""
-    made.fill(run.root, pages=[("Creeper", ["a creeper"])])
-    at = ("--data", str(run.root), "--profile", str(run.profile.path))
-    (pages,) = Layout(run.root).rows("wiki/pages")
-    (elements,) = Layout(run.root).rows("wiki/elements")
-    for path, name in ((pages, "wiki/pages"), (elements, "wiki/elements")):
-        held = parquet.read_table(path)
-        ids = pa.array([12345678901] * held.num_rows)
-        write_table(path, held.set_column(0, held.schema.field(0), ids), name)
-    (videos,) = Layout(run.root).rows("youtube/videos")
-    (spoken,) = Layout(run.root).rows("youtube/transcripts")
-    for path, name in ((videos, "youtube/videos"), (spoken, "youtube/transcripts")):
-        held = parquet.read_table(path).slice(0, 1)
-        ids = pa.array(["12345678901"])
-        write_table(path, held.set_column(0, held.schema.field(0), ids), name)
-    assert here("links", *at).code == 0
-    ids_file = run.root.parent / "ids.txt"
-    ids_file.write_text("12345678901")
-    assert here("purge", "youtube", "--ids", str(ids_file), "--workers", "1", *at).code == 0
-    assert {row["source"] for row in made.rows(run.root)} == {"wiki", "reddit"}
-    assert [row["key"] for row in made.rows(run.root) if row["source"] == "wiki"] == [
-        "12345678901",
-        "12345678901",
-    ]
 
 
 def test_status_tells_that_links_are_older(run: Run, here: Here) -> None:

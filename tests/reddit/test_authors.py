@@ -99,7 +99,13 @@ def traces(work: Work, *needles: str) -> list[str]:
 def test_a_person_leaves_every_file(theirs: tuple[Work, list[str]]) -> None:
     work, own = theirs
     job, person = work.job(), hash_of(work)
-    for words in ("reddit filter", "reddit export", "reddit export --format convokit", "links"):
+    for words in (
+        "reddit filter",
+        "reddit export",
+        "reddit export --format convokit",
+        "links",
+        "release",
+    ):
         job.done(*words.split())
     job.done("reddit", "reconstruct", "--out", str(Layout(work.root).reconstructed))
     job.done("index")
@@ -201,6 +207,7 @@ def test_whoever_collected_the_same_follows_the_released_tombstones(
     work.filter()
     work.export()
     work.purge(people=listed(work, NAME))
+    work.job().done("release")
     released = work.root / "release" / "reddit" / "tombstones.ndjson"
     assert other.purge(released)["unread"] == 0
     assert not traces(other, MARK, *(name[3:] for name in own))

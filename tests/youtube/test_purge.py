@@ -42,6 +42,8 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
             ("youtube", "export"),
             ("youtube", "export", "--format", "minedojo"),
             ("pairs",),
+            ("links",),
+            ("index",),
         ):
             job.done(*words)
         yield job
