@@ -28,6 +28,11 @@ from kb.youtube.crawl.second_tracks import (
 from kb.youtube.parse.assemble import second_tracks
 
 
+def tables_needs(run: Run) -> None:
+    """Raises UsageError without keywords, or the extra that matches them."""
+    check(run)
+
+
 def tables(run: Run) -> Summary:
     """Make the pairs."""
     return build(run)
