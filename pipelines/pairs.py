@@ -6,7 +6,7 @@ random to 16–77 CLIP tokens; a random moment within the match's cues is the ce
 8–16 s. The profile decides what the paper leaves open: whole words, rules for everyday words, and
 which of a video's overlapping clips are kept.
 
-    tables     transcripts → pairs/pairs-*.parquet
+    tables     transcripts → pairs/pairs-*.parquet, with the scores of pairs that have not changed
     measure    second tracks of a sample of videos → pairs/measures.json
     export     pairs/ → release/pairs/, without text, or export/<format>/
 """
@@ -29,9 +29,9 @@ from kb.youtube.crawl.second_tracks import (
 from kb.youtube.parse.assemble import second_tracks
 
 
-def export(run: Run, format: str = "parquet") -> Summary:
-    """pairs/ to release/pairs, or to export/<format>."""
-    return layouts.export(run, "pairs", format)
+def tables_needs(run: Run) -> None:
+    """Raises UsageError without keywords, or the extra that matches them."""
+    check(run)
 
 
 def tables(run: Run) -> Summary:
@@ -39,6 +39,11 @@ def tables(run: Run) -> Summary:
     made = build(run)
     put_back(run)
     return made
+
+
+def export(run: Run, format: str = "parquet") -> Summary:
+    """pairs/ to release/pairs, or to export/<format>."""
+    return layouts.export(run, "pairs", format)
 
 
 def measure(run: Run, size: int) -> Summary:

@@ -9,6 +9,11 @@ from kb.core.summary import Summary
 from kb.report import build
 
 
+def report_needs(run: Run) -> None:
+    """Raises UsageError without the extra that draws."""
+    build.check_extra()
+
+
 def report(run: Run, out: Path | None = None) -> Summary:
     """clean/, pairs/, tasks/ and links/ → report/, or `out`."""
     return build.report(run, out)

@@ -17,7 +17,7 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary import plan as planned
 from kb.crawl.job import Parts
-from kb.filters.chain import Clean
+from kb.filters.chain import Clean, Description
 from kb.filters.filter_run import run_clean
 from kb.filters.topic import released_stages
 from kb.pairs.restore import TextRestore
@@ -38,7 +38,7 @@ def clean(p: Profile) -> Clean:
         shipped.chains[0],
         stages=released_stages(p.section(YouTubeSection)),
         scores={},
-        described_by={},
+        described=Description(),
     )
     return replace(shipped, chains=(chain,), scorer=None)
 

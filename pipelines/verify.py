@@ -13,7 +13,7 @@ from kb.artifacts.makers import make_artifact
 from kb.artifacts.resumable_build import clear_finished
 from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
-from kb.core.errors import DamagedData, SettingError
+from kb.core.errors import DamagedData
 from kb.core.sources import MADE_OF, PUBLISHED, SOURCES
 from kb.crawl.job import crawl_source
 from kb.crawl.session import open_session
@@ -63,9 +63,5 @@ def _set_aside(run: Run, source: str) -> list[str]:
 
 
 def _crawl(run: Run, source: str) -> object:
-    recipe = recipe_of(run.profile, source)
-    try:
-        own = recipe.defined("crawl")
-    except SettingError:
-        return crawl_source(run, SOURCES[source])
-    return own(run)
+    own = recipe_of(run.profile, source).defined("crawl", None)
+    return own(run) if own is not None else crawl_source(run, SOURCES[source])

@@ -38,7 +38,7 @@ from kb.store.state import tombstones
 MODEL = "KB_TOXICITY_MODEL"
 FORMATS = tuple(dict.fromkeys(name for one in PUBLISHED.values() for name in one.formats))
 NAMES = (*SOURCES, *(name for name in MADE_OF if name != "open-text"), "index", "report", RELEASE)
-_NEVER_MADE = "not made yet"
+NEVER_MADE = "not made yet"
 _LONGEST = 40  # characters of a value in a message
 _SHOWN = 3  # artifacts that a warning names
 
@@ -124,7 +124,7 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
     if name == "release/open-text" and not run.profile.release.open_text:
         return ["release.open_text true → false"] if made or artifact.folder(root).exists() else []
     if made is None:
-        return [_NEVER_MADE]
+        return [NEVER_MADE]
     lost = [] if source != name else manifest.missing(place, name)
     why = [f"{lost[0].name} is missing"] if lost else []
     if not made.figures.get("complete", True):
@@ -141,10 +141,12 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
 def changes(made: Manifest, now: Mapping[str, Any]) -> list[str]:
     """What has changed of settings and rules since an artifact was made, in words."""
     before, rules = made.settings, ARTIFACTS[made.artifact].rules
-    changed = [
+    has_recipe = any(key.endswith(".py") for key in before)
+    changed = [] if has_recipe else ["its recipe was not recorded"]  # by an older version
+    changed += [
         _change(key, before.get(key), now.get(key))
         for key in dict.fromkeys((*now, *before))
-        if now.get(key) != before.get(key)
+        if now.get(key) != before.get(key) and (has_recipe or not key.endswith(".py"))
     ]
     if len(changed) > 1:  # what changed in it is named
         changed = [one for one in changed if one != PROFILE_FILE]
@@ -193,7 +195,7 @@ def note_described(run: Run, names: Iterable[str]) -> None:
 def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
     made = manifest.read(run.root, RELEASE)
     if made is None:
-        return [_NEVER_MADE]
+        return [NEVER_MADE]
     names = [name for name in PUBLISHED if ARTIFACTS[f"release/{name}"].manifest(run.root).exists()]
     why = []
     for name in names:
@@ -236,7 +238,8 @@ def _described_input(root: Path, name: str) -> str:
 
 def graph(run: Run, asked: Sequence[str] = ()) -> list[str]:
     """The artifacts that `kb build` with these names looks after, each after its inputs; without
-    names all but export formats. A source without raw data is left out. Raises SettingError.
+    names all but export formats, of which it makes those again that a purge removed. A source
+    without raw data is left out. Raises SettingError.
     """
     if unknown := [name for name in asked if name not in (*NAMES, *FORMATS)]:
         raise SettingError(
@@ -245,7 +248,8 @@ def graph(run: Run, asked: Sequence[str] = ()) -> list[str]:
         )
     every = [name for name in _made_again() if _is_possible(run, name)]
     if not asked:
-        return [name for name in every if not name.startswith("export/")]
+        removed = manifest.vacant(run.root)
+        return [name for name in every if not name.startswith("export/") or name in removed]
     wanted: set[str] = set()
     for name in every:
         kind, _, rest = name.partition("/")
@@ -281,11 +285,16 @@ def _is_possible(run: Run, name: str) -> bool:
     return any(_has_rows(run, one) for one in sources_of(name))
 
 
+def lineage(name: str) -> set[str]:
+    """An artifact and all artifacts that it is made of."""
+    above = [one for one in ARTIFACTS[name].inputs if one in ARTIFACTS]
+    return {name}.union(*map(lineage, above))
+
+
 def sources_of(name: str) -> set[str]:
     """The sources that an artifact is made of."""
-    above = [one for one in ARTIFACTS[name].inputs if one in ARTIFACTS]
-    own = {name.removeprefix("clean/")} if name.startswith("clean/") else set()
-    return own.union(*map(sources_of, above))
+    clean = (one.partition("/") for one in lineage(name))
+    return {source for kind, _, source in clean if kind == "clean"}
 
 
 def _has_rows(run: Run, source: str) -> bool:
@@ -349,7 +358,7 @@ def warning(run: Run) -> str:
             return ""
         names = [one for one in graph(run) if one not in (RELEASE, "report")]
         names = [one for one in names if not one.startswith("index/")]  # a search makes them
-        outdated = {name: why for name, why in plan(run, names).items() if why != [_NEVER_MADE]}
+        outdated = {name: why for name, why in plan(run, names).items() if why != [NEVER_MADE]}
     except (DamagedData, OSError):
         return ""
     if not outdated:

@@ -2,6 +2,7 @@
 
     make_artifact(run, "pairs")             by the recipe that its declaration names
     make_export(run, "pairs", "minedojo")   in a layout, as its command does
+    obstacles(run, names)                   what stands in the way of making these
     make_outdated(run, plan(run, names))    those that are out of date, each after its inputs
 
 The declarations (kb.store.artifact_registry) are the only place that says how an artifact is made;
@@ -24,6 +25,7 @@ from kb.core.errors import (
     LimitReached,
     NothingKept,
     Stopped,
+    UsageError,
 )
 from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
@@ -51,6 +53,47 @@ class Outcome(NamedTuple):
         if self.outcome == LEFT_OUT:
             return f"{LEFT_OUT}: {self.cause} failed"
         return f"{FAILED}: {self.error}" if self.error else self.outcome
+
+
+class Obstacle(NamedTuple):
+    """What these artifacts can't be made without."""
+
+    error: UsageError
+    artifacts: list[str]
+
+    def __str__(self) -> str:
+        hint = f"; {self.error.hint}" if self.error.hint else ""
+        return f"{', '.join(self.artifacts)} can't be made: {self.error}{hint}"
+
+
+def obstacles(run: Run, outdated: Iterable[str]) -> list[Obstacle]:
+    """What stands in the way of making these artifacts, each thing once: a recipe that may not run,
+    a model, an extra, a wrong setting. A recipe says by `<function>_needs` what a function needs.
+    """
+    found: dict[str, Obstacle] = {}
+    for name in outdated:
+        maker = ARTIFACTS[name].maker
+        try:
+            if maker is not None:
+                needs = recipe_of(run.profile, maker.recipe).defined(
+                    f"{maker.function}_needs", None
+                )
+                if needs is not None:
+                    needs(run, *maker.arguments)
+        except UsageError as error:
+            found.setdefault(str(error), Obstacle(error, [])).artifacts.append(name)
+    return list(found.values())
+
+
+def made_of_these(names: Iterable[str], outdated: Iterable[str]) -> set[str]:
+    """These artifacts and those of the outdated ones, which come after their inputs, that need
+    them.
+    """
+    lost = set(names)
+    for name in outdated:
+        if lost.intersection(ARTIFACTS[name].inputs):
+            lost.add(name)
+    return lost
 
 
 def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None) -> Summary:
@@ -108,23 +151,40 @@ def make_outdated(run: Run, outdated: Reasons) -> Iterator[Outcome]:
     """Make these artifacts, which come after their inputs, each if it is still out of date when its
     turn comes; a failure ends nothing but what is made of it.
 
-    Raises Interrupted, DiskFull.
+    Raises SettingError before anything is made where a recipe may not run, Interrupted, DiskFull.
     """
+    for name in outdated:
+        if (maker := ARTIFACTS[name].maker) is not None:
+            recipe_of(run.profile, maker.recipe)
     lost: dict[str, Outcome] = {}  # what is not there in today's form
+    blocked: dict[str, KbError] = {}
+    for obstacle in obstacles(run, outdated):
+        run.progress.say(str(obstacle))
+        blocked |= dict.fromkeys(obstacle.artifacts, obstacle.error)
     for name, why in outdated.items():
-        outcome = _made(run, name, why, lost)
+        outcome = _made(run, name, why, lost, blocked)
         if outcome.outcome in (FAILED, LEFT_OUT):
             lost[name] = outcome
         yield outcome
+    if left_out := [one.artifact for one in lost.values() if one.outcome == LEFT_OUT]:
+        run.progress.say(f"left out, as what they are made of failed: {', '.join(left_out)}")
 
 
-def _made(run: Run, name: str, why: list[str], lost: dict[str, Outcome]) -> Outcome:
+def _made(
+    run: Run,
+    name: str,
+    why: list[str],
+    lost: Mapping[str, Outcome],
+    blocked: Mapping[str, KbError],
+) -> Outcome:
     for one in ARTIFACTS[name].inputs:
         if one in lost:
             return Outcome(name, why, LEFT_OUT, lost[one].error, lost[one].cause or one)
     try:
         if not freshness.reasons(run, name):
             return Outcome(name, why, UNCHANGED)
+        if name in blocked:
+            return Outcome(name, why, FAILED, blocked[name])
         run.progress.say(f"{name}: {', '.join(why)}")
         make_artifact(run, name)
     except (Interrupted, DiskFull):

@@ -224,7 +224,7 @@ class StageOfTable(NamedTuple):
     @property
     def group(self) -> str:
         """The column by which changes are counted: the channel of videos, the type of posts."""
-        named = [name for name in ("channel_title", "type") if name in self.chain.described_by]
+        named = [name for name in ("channel_title", "type") if name in self.chain.described.columns]
         return named[0] if named else ""
 
 

@@ -69,7 +69,7 @@ def decode_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict
     """Decode a raw segment and partition its rows; counts and damage as in `partition.spread`."""
     with full_disk_is_resumable(Path(job.work)):
         return partition.spread(
-            spec_of(job).kinds[kind],
+            spec_of(job).raw.kinds[kind],
             f"{job.source}/{kind}",
             Path(segment),
             number,
@@ -147,7 +147,7 @@ def latest(
     """
     counts: Counter[str] = Counter()
     newest: dict[str, pa.Table] = {}
-    for kind, about in spec.kinds.items():
+    for kind, about in spec.raw.kinds.items():
         wanted = None
         if about.named_by[0]:
             namer = newest.get(about.named_by[0])
@@ -178,15 +178,15 @@ def join(
     newest, counts = latest(job, spec, number, decoded)
     if not newest:
         return {}, counts
-    rows = spec.assemble(newest)
+    rows = spec.raw.assemble(newest)
     purged = purged_keys(job.root, job.source, job.tombstones)
     people = _people(job.root, job.source, job.tombstones)
     for chain in spec.chains:
         if chain.table in rows:
             own = _without_purged(rows[chain.table], chain, purged)
             rows[chain.table] = _without_people(own, chain, people)
-    if spec.side_files is not None:
-        rows = spec.side_files.read(Path(job.root), rows, follows)
+    if spec.raw.side_files is not None:
+        rows = spec.raw.side_files.read(Path(job.root), rows, follows)
     return rows, counts
 
 
@@ -225,17 +225,19 @@ def _without_purged(rows: pa.Table, chain: Chain, purged: frozenset[str]) -> pa.
         [key.removeprefix(chain.prefix) for key in purged if key.startswith(chain.prefix)],
         pa.string(),
     )
-    for name in (chain.key, *chain.also):
+    for name in (chain.key, *chain.purged.also):
         rows = rows.filter(pc.invert(pc.is_in(rows.column(name).cast(pa.string()), bare)))
     return rows
 
 
 def _without_people(rows: pa.Table, chain: Chain, people: frozenset[str]) -> pa.Table:
-    if not people or not chain.person:
+    if not people or not chain.purged.person:
         return rows
-    column = rows.column(chain.person).cast(pa.string())
+    column = rows.column(chain.purged.person).cast(pa.string())
     theirs = [
-        one for one in pc.unique(column).drop_null().to_pylist() if chain.stands_for(one) in people
+        one
+        for one in pc.unique(column).drop_null().to_pylist()
+        if chain.purged.stands_for(one) in people
     ]
     return rows.filter(pc.invert(pc.is_in(column, value_set=pa.array(theirs, pa.string()))))
 

@@ -1,7 +1,6 @@
 """`kb release`: the gate, then everything around the data of each folder.
 
 release(run)     gate → describe each folder → gate over what was written
-describe(run)    the files around the data alone (also after a purge)
 """
 
 from __future__ import annotations
@@ -70,15 +69,6 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
     )
 
 
-def describe(run: Run, sources: Sequence[str] = ()) -> None:
-    """Write the files around the data again, without the gate: after a purge took rows out."""
-    described = [one for one in folders.in_root(run.root) if not sources or one.source in sources]
-    for folder in described:
-        write(run, folder)
-    if described:
-        freshness.note_described(run, (folder.source for folder in described))
-
-
 def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     """The folders to release, or `only` those of some sources.
 
@@ -120,13 +110,12 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
 
 
 def refuse(problems: Sequence[GateProblem], hint: str = "nothing was published") -> None:
-    """Raise ReleaseRefused when there are problems; they are in its `.problems` and `.summary`."""
+    """Raise ReleaseRefused when there are problems; they are in its `summary` as well."""
     if not problems:
         return
     lines = list(dict.fromkeys(str(problem) for problem in problems))
     count = f"{len(lines)} {'reason' if len(lines) == 1 else 'reasons'}"
-    error = ReleaseRefused(f"the release is refused for {count}", hint=hint)
-    error.problems = lines  # type: ignore[attr-defined]
+    error = ReleaseRefused(f"the release is refused for {count}", hint=hint, problems=lines)
     error.summary = Summary(command="release", problems=lines)
     raise error
 
@@ -136,8 +125,9 @@ def write(run: Run, folder: ReleaseFolder) -> Facts:
     with run.progress.task(f"release {folder.source}", unit="files") as task:
         with reading(shard for part in folder.parts for shard in part.shards):
             facts = measure.measure(run, folder)
-        for path in folder.path.glob("LICENSE-*.txt"):
-            path.unlink()
+        for pattern in ("LICENSE-*.txt", folders.RECIPES):
+            for path in folder.path.glob(pattern):
+                path.unlink()
         version = run.profile.release.version
         changed = provenance.changes(run.root, folder, facts, version)
         texts = {

@@ -169,12 +169,8 @@ PAGE = "index.html"
 SHOWN = [one for one in PUBLISHED.values() if one.shown]
 
 
-def report(run: Run, out: Path | None = None) -> Summary:
-    """Write `report/` anew, or `out`; of a download it goes to the user's cache by default.
-
-    Raises MissingExtra without the figures' packages, FatalError where there is nothing to show,
-    DamagedData.
-    """
+def check_extra() -> None:
+    """Raises MissingExtra without the packages that figures need."""
     missing = [
         name
         for name in ("matplotlib", "wordcloud", "PIL")
@@ -182,6 +178,15 @@ def report(run: Run, out: Path | None = None) -> Summary:
     ]
     if missing:
         raise MissingExtra(f"figures need {', '.join(missing)}", hint=install_extra("figures"))
+
+
+def report(run: Run, out: Path | None = None) -> Summary:
+    """Write `report/` anew, or `out`; of a download it goes to the user's cache by default.
+
+    Raises MissingExtra without the figures' packages, FatalError where there is nothing to show,
+    DamagedData.
+    """
+    check_extra()
     if not Catalog(run.root.absolute()).views:  # before anything is written
         raise empty(run.root)
     with domain_binding.writing(run, "report"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,12 +12,14 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import find_command, show
 from kb.cli.framework.options import CLUSTER, Plan
+from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.core.errors import (
     DiskFull,
     FatalError,
     Interrupted,
     KbError,
+    ReleaseRefused,
     SettingError,
     Stopped,
 )
@@ -32,7 +35,8 @@ app = group("Make everything that is out of date, in order.")
 @command(
     app,
     uses=CLUSTER,
-    json="made, current, failed, steps (each with artifact, reasons and outcome)",
+    json="made, current, failed, steps (each with artifact, reasons and outcome);"
+    " with --plan also to_make and obstacles, with --graph artifacts",
     planned=("names",),
     needs_data=True,
     checks=True,
@@ -41,6 +45,7 @@ app = group("Make everything that is out of date, in order.")
         "kb build --plan                what would be made, and why",
         "kb build pairs                 pairs with release/pairs, and all that they need",
         "kb build text                  the export format text, which is made only on request",
+        "kb build --graph --out g.svg   what is made of what, and what is current",
     ],
 )
 def build(
@@ -56,6 +61,14 @@ def build(
     plan: Annotated[
         bool, typer.Option("--plan", help="Print what would be made and why; write nothing.")
     ] = False,
+    graph: Annotated[
+        bool,
+        typer.Option("--graph", help="Print what is made of what, how, and what is current."),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE.svg", help="With --graph: draw it there."),
+    ] = None,
 ) -> Summary:
     """Make what is out of date: filters, exports, pairs, tasks, links, index, report, release.
 
@@ -70,28 +83,74 @@ def build(
 
     if Catalog(run.root.absolute()).is_download:
         raise FatalError(f"{run.root} is a download", hint="only a data root can be built")
-    graph = freshness.graph(run, names or ())
-    if not graph:
+    if out is not None and (not graph or out.suffix != ".svg"):
+        raise SettingError(
+            "--out is for the drawing of --graph", hint="write --graph --out FILE.svg"
+        )
+    if graph:
+        return _graph(run, names or (), out)
+    artifacts = freshness.graph(run, names or ())
+    if not artifacts:
         what = " and ".join(names or ()) or "anything"
         raise FatalError(
             f"{run.root} has no raw data to make {what} from",
             hint="run a crawl or an import first, or `kb demo` to see the whole job",
         )
-    outdated = freshness.plan(run, graph)
+    outdated = freshness.plan(run, artifacts)
     if plan:
-        for line in freshness.lines(outdated):
-            show(line)
-        return Summary(
-            command="build --plan", current=len(graph) - len(outdated), steps=_steps(outdated)
-        )
-    for name in graph:
+        return _planned(run, len(artifacts), outdated)
+    for name in artifacts:
         if name not in outdated:
             clear_finished(run.root, name)
-    return _make(run, len(graph), outdated)
+    return _make(run, len(artifacts), outdated)
+
+
+def _graph(run: Run, names: Sequence[str], out: Path | None) -> Summary:
+    """Print the graph, and draw it."""
+    from kb.artifacts.graph_view import CURRENT, nodes
+
+    shown = nodes(run, names)
+    for line in (line for node in shown for line in node.lines()):
+        show(line)
+    summary = Summary(
+        command="build --graph",
+        artifacts=[node._asdict() for node in shown],
+        current=sum(node.state == CURRENT for node in shown),
+    )
+    if out is not None:
+        from kb.report.graph_drawing import drawn
+        from kb.store.atomic import write_bytes
+
+        write_bytes(out, drawn(shown))
+        summary["path"] = str(out)
+    return summary
 
 
 def _steps(outdated: Reasons) -> list[dict[str, Any]]:
     return [{"artifact": name, "reasons": why} for name, why in outdated.items()]
+
+
+def _planned(run: Run, size: int, outdated: Reasons) -> Summary:
+    """What stands in the way, then each artifact with its reasons, then how many will be made."""
+    from kb.artifacts import freshness, makers
+
+    in_the_way = makers.obstacles(run, outdated)
+    for obstacle in in_the_way:
+        show(str(obstacle))
+    blocked = makers.made_of_these([n for one in in_the_way for n in one.artifacts], outdated)
+    for line in freshness.lines(outdated):
+        show(line)
+    return Summary(
+        command="build --plan",
+        to_make=len(outdated) - len(blocked),
+        blocked=len(blocked),
+        current=size - len(outdated),
+        obstacles=[
+            {"what": str(error), "fix": error.hint, "artifacts": names}
+            for error, names in in_the_way
+        ],
+        steps=_steps(outdated),
+    )
 
 
 def _make(run: Run, size: int, outdated: Reasons) -> Summary:
@@ -112,8 +171,9 @@ def _make(run: Run, size: int, outdated: Reasons) -> Summary:
         error.summary = summary
         raise
     for outcome in outcomes:
-        for line in getattr(outcome.error, "problems", []):
-            show(line, err=True)
+        if isinstance(outcome.error, ReleaseRefused):
+            for line in outcome.error.problems:
+                show(line, err=True)
     if (ended := failure(outcomes)) is not None:
         ended.summary = summary
         raise ended
@@ -167,6 +227,10 @@ def update(
         # An unfinished round goes on; a finished one is followed by the next.
         as_run = replace(run, again=crawls)
         try:
+            if step.startswith("purge "):  # what it removes is made again by the build at the end
+                purge = Recipe("purge").defined("purge")
+                done[name][step] = purge(as_run, name, None, build=False)
+                continue
             command_: Any = find_command(step.split())
             bounds = _as_before(run, name) if crawls else {}
             done[name][step] = command_.function(as_run, **bounds)

@@ -163,7 +163,7 @@ def _listed(run: Run, name: str, *given: object, **how: object) -> Summary:
         summary: Summary = recipe_of(run.profile, "release").defined(name)(run, *given, **how)
         return summary
     except ReleaseRefused as error:
-        for line in getattr(error, "problems", []):
+        for line in error.problems:
             show(with_options(line), err=True)
         raise
 

@@ -127,11 +127,13 @@ class Recipe(NamedTuple):
     path: str = ""
     text: str = ""
 
-    def defined(self, name: str) -> Any:
-        """What it defines under that name. Raises SettingError."""
+    def defined(self, name: str, *default: Any) -> Any:
+        """What it defines under that name. Raises SettingError without any, or a `default`."""
         for module in self._modules():
             if hasattr(module, name):
                 return getattr(module, name)
+        if default:
+            return default[0]
         raise SettingError(f"the recipe {shipped(self.name)} does not define `{name}`")
 
     def _modules(self) -> Iterator[ModuleType]:

@@ -59,13 +59,10 @@ def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: 
     would find anything to fix.
     """
     base = rawlog.folder(root, source, "").resolve()
-    paths = getattr(error, "paths", None) or [getattr(error, "path", None)]
     damaged = [
         (path.parent.name, rawlog.base_name(path))
-        for path in paths
-        if path is not None
-        and path.parent.parent.resolve() == base
-        and gaps(path, path.stat().st_size)
+        for path in error.paths
+        if path.parent.parent.resolve() == base and gaps(path, path.stat().st_size)
     ]
     if damaged:
         known = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [], of=_PAIRS)}

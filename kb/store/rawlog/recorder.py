@@ -132,7 +132,7 @@ class Recorder:
             try:
                 self._replay_one(path)
             except DamagedData as error:
-                if getattr(error, "path", None) != path:
+                if path not in error.paths:
                     raise
                 damaged_answers.quarantine_segment(path, self._frontier)
                 self._replay_one(path)
