@@ -21,7 +21,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
-from kb.crawl.purge import remove_keys
+from kb.crawl.purge import dry_purge, remove_keys
 from kb.filters.filter_run import texts
 from kb.store import lock
 
@@ -68,7 +68,7 @@ def make_again(run: Run) -> None:
 def plan(run: Run, source: str, ids: Path | None, people: Path | None = None) -> Summary:
     """The same as a dry run: what would be removed, by table and folder."""
     rules, listed, asked = _asked_for(source, ids, people)
-    with steps.dry_purge(run, rules, listed, asked) as purge:
+    with dry_purge(run, rules, listed, asked) as purge:
         counted = (steps.derived, steps.answers, steps.kept) if purge.removed else ()
         return steps.plan_summary(purge, (line for step in counted for line in step(purge)))
 

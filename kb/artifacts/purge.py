@@ -17,10 +17,9 @@ in their `PurgeRules`.
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -36,7 +35,6 @@ from kb.artifacts.purge_raw import AnswerRules, Matcher, Names
 from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of
@@ -254,27 +252,6 @@ def finish(root: Path, source: str) -> None:
             frontier.forget()
             Layout(root).purge(source).unlink(missing_ok=True)
             damaged_answers.report(root, source, frontier)
-        finally:
-            frontier.close()
-
-
-@contextmanager
-def dry_purge(
-    run: Run, rules: PurgeRules, listed: PurgeList | None, asked: PeopleList | None = None
-) -> Iterator[Purge]:
-    """A dry purge on a copy of the source's state. Nothing below the data root is written."""
-    original = Layout(run.root).state(rules.source)
-    with tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch:
-        for file in (original, original.with_name(f"{original.name}-wal")):
-            if file.is_file():
-                shutil.copyfile(file, Path(scratch, file.name))
-        payloads = SOURCES[rules.source].connector(run).payloads
-        frontier = Frontier(Path(scratch, original.name), payloads=payloads)
-        try:
-            purge = Purge(run, rules, listed, frontier, Path(scratch, "work"), True, asked)
-            purge.find()
-            purge.begin()
-            yield purge
         finally:
             frontier.close()
 
