@@ -330,6 +330,11 @@ def stale(run: Run, *names: str) -> Reasons:
     return plan(run, there)
 
 
+def steps(outdated: Reasons) -> list[dict[str, Any]]:
+    """The same for scripts: `artifact` and `reasons`."""
+    return [{"artifact": name, "reasons": why} for name, why in outdated.items()]
+
+
 def lines(outdated: Reasons) -> list[str]:
     """A line an artifact: its name and its reasons."""
     return [f"{name}: {', '.join(why)}" for name, why in outdated.items()]

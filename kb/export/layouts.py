@@ -17,7 +17,7 @@ from kb.artifacts import domain_binding, freshness, manifest
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
-from kb.core.sources import PUBLISHED, SOURCES, made_by
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import Summary, vocabulary
 from kb.schema.tables import released_tables
 from kb.store.artifact_registry import ARTIFACTS
@@ -86,7 +86,7 @@ def write_parquet(
         place = at.table(released[0].name)
         raise FatalError(
             f"nothing to export: {place.parent if source in SOURCES else place} has no rows",
-            hint=f"run `{made_by(source)}` first",
+            hint=f"run `{ARTIFACTS[ARTIFACTS[f'release/{source}'].inputs[0]].command}` first",
         )
     name = f"release/{source}"
     made_from = manifest.inputs(run.root, name)

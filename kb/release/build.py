@@ -24,7 +24,7 @@ from kb.artifacts.release_folder import (
 from kb.core.context import Run
 from kb.core.errors import ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
-from kb.core.sources import PUBLISHED, exported_by, made_of
+from kb.core.sources import PUBLISHED, made_of
 from kb.core.summary import Summary
 from kb.release import folders, provenance
 from kb.release.folders import sample_name
@@ -35,7 +35,7 @@ from kb.release.metadata.croissant import croissant
 from kb.release.metadata.measure import Facts
 from kb.release.metadata.zenodo import deposit
 from kb.schema import table
-from kb.store.artifact_registry import SUMS
+from kb.store.artifact_registry import ARTIFACTS, SUMS
 from kb.store.atomic import write_text, writing
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
@@ -81,7 +81,11 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     lost = "was exported and is not there; run `{}`, or name the other folders with --only"
     refuse(
         [
-            GateProblem("missing", str(at.release(source)), lost.format(exported_by(source)))
+            GateProblem(
+                "missing",
+                str(at.release(source)),
+                lost.format(ARTIFACTS[f"release/{source}"].command),
+            )
             for source in wanted
             if source not in there and manifest.read(run.root, f"release/{source}")
         ]

@@ -17,12 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from kb.core.sources import (
-    PUBLISHED,
-    SOURCES,
-    exported_by,
-    made_of,
-)
+from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.schema.tables import tables
 from kb.store.layout import Layout
 
@@ -172,7 +167,7 @@ def _declared() -> Iterator[Artifact]:
             yield Artifact(
                 f"export/{export}",
                 _released_inputs(name),
-                f"{exported_by(name)} --format {format_}",
+                f"{_command(name, 'export')} --format {format_}",
                 f"release-{name}",
                 maker=Maker(name, "export", (format_,)),
                 public=True,
@@ -238,7 +233,7 @@ def _released(name: str) -> Artifact:
     return Artifact(
         f"release/{name}",
         _released_inputs(name),
-        exported_by(name),
+        _command(name, "export"),
         f"release-{name}",
         own,
         reads,
@@ -246,6 +241,12 @@ def _released(name: str) -> Artifact:
         public=True,
         settings=("release.shard_mb", *(("release.open_text",) if owner else ())),
     )
+
+
+def _command(name: str, of_source: str) -> str:
+    """The command of what is published: of a source, or of what is made from sources."""
+    owner = PUBLISHED[name].part_of or name
+    return f"kb {owner} {of_source}" if owner in SOURCES else f"kb {owner}"
 
 
 def _released_inputs(name: str) -> tuple[str, ...]:

@@ -126,10 +126,6 @@ def _graph(run: Run, names: Sequence[str], out: Path | None) -> Summary:
     return summary
 
 
-def _steps(outdated: Reasons) -> list[dict[str, Any]]:
-    return [{"artifact": name, "reasons": why} for name, why in outdated.items()]
-
-
 def _planned(run: Run, size: int, outdated: Reasons) -> Summary:
     """What stands in the way, then each artifact with its reasons, then how many will be made."""
     from kb.artifacts import freshness, makers
@@ -149,15 +145,16 @@ def _planned(run: Run, size: int, outdated: Reasons) -> Summary:
             {"what": str(error), "fix": error.hint, "artifacts": names}
             for error, names in in_the_way
         ],
-        steps=_steps(outdated),
+        steps=freshness.steps(outdated),
     )
 
 
 def _make(run: Run, size: int, outdated: Reasons) -> Summary:
     """Make the outdated ones of `size` artifacts. Raises what `makers.failure` says."""
+    from kb.artifacts import freshness
     from kb.artifacts.makers import FAILED, MADE, UNCHANGED, failure, make_outdated
 
-    steps = _steps(outdated)
+    steps = freshness.steps(outdated)
     summary = Summary(command="build", made=0, current=size - len(outdated), failed=0, steps=steps)
     counted = {MADE: "made", UNCHANGED: "current", FAILED: "failed"}
     outcomes = []
@@ -333,12 +330,10 @@ def _planned_update(run: Run, chosen: list[str]) -> Summary:
             phases += [{**one, "phase": f"{step}: {one['phase']}"} for one in planned["phases"]]
             assumed += [planned["assumed"]] if planned.get("assumed") else []
     outdated = freshness.plan(run, freshness.graph(run))
-    for line in freshness.lines(outdated):
-        show(line)
+    steps = _planned(run, len(outdated), outdated)["steps"]
     sums = {
         name: round(sum(one.get(name, 0) for one in phases), 3)
         for name in ("requests", "units", "hours", "gb")
     }
-    steps = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
     about = {"command": "update --plan", "source": "", **sums, "steps": steps}
     return Summary(about, phases=phases, assumed=", ".join(dict.fromkeys(assumed)) or None)
