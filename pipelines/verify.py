@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 
 from kb.artifacts.makers import make_artifact
-from kb.artifacts.resumable_build import clear_finished
 from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.errors import DamagedData
@@ -45,7 +44,6 @@ def steps(run: Run) -> Iterator[Step]:
             place, made_again = artifact.folder(run.root), partial(make_artifact, anew, name)
             source = rest if kind == "clean" else ""
             yield Make(kind, artifact.command_again, made_again, (place,), after=source)
-    clear_finished(run.root, "pairs")
     for name in PUBLISHED:
         yield Describe(name, partial(make_artifact, run, RELEASE, {"only": [name]}))
 

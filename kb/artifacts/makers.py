@@ -22,7 +22,6 @@ from kb.core.errors import (
     FatalError,
     Interrupted,
     KbError,
-    LimitReached,
     NothingKept,
     Stopped,
     UsageError,
@@ -137,12 +136,8 @@ def make_export(run: Run, name: str, layout: str, options: Mapping[str, Any] = _
 
 
 def make_and_export(run: Run, name: str, layout: str = "parquet") -> Summary:
-    """Make tables, then a layout of them, also of what a limit leaves. Raises likewise."""
-    try:
-        made = make_artifact(run, name)
-    except LimitReached:
-        make_export(run, name, layout)  # what is done so far is complete in itself
-        raise
+    """Make tables, then a layout of them. Raises likewise."""
+    made = make_artifact(run, name)
     exported = make_export(run, name, layout)
     return Summary(made, **({"release": exported["path"]} if layout == "parquet" else exported))
 

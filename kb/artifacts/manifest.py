@@ -161,7 +161,10 @@ def vacant(root: Path) -> list[str]:
     return [
         name
         for name, artifact in ARTIFACTS.items()
-        if artifact.maker and (made := read(root, name)) is not None and not made.inputs
+        if artifact.maker
+        and (made := read(root, name)) is not None
+        and not made.inputs
+        and made.files.keys() <= set(artifact.kept_files)
     ]
 
 

@@ -357,7 +357,6 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
             manifest.write_vacant(root, note.manifests[name])
         if name != RELEASE:  # what it wrote lies in the folders of the others
             remove(ARTIFACTS[name].folder(root))
-        shutil.rmtree(Layout(root).state_folder(name), ignore_errors=True)  # parts on their way
     index.remove(root, rules.source)  # one in the user's cache as well
 
 

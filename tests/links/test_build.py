@@ -15,7 +15,7 @@ import kb
 from kb.artifacts.makers import make_and_export
 from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
-from kb.core.errors import DamagedData, WriterLocked
+from kb.core.errors import WriterLocked
 from kb.core.progress import Progress
 from kb.links import build as building
 from kb.query import connect
@@ -68,7 +68,7 @@ def test_the_tables(run: Run) -> None:
         source: sum(row["source"] == source for row in found)
         for source in ("youtube", "wiki", "reddit")
     }
-    assert not list(Layout(run.root).linking.glob("*"))
+    assert not list(run.root.glob("links/.*"))
 
 
 def _row(entity: str, key: str, part: str, how: str, count: int) -> dict[str, Any]:
@@ -97,28 +97,16 @@ def test_workers_and_file_layout_change_no_byte_of_the_tables(run: Run) -> None:
     assert second == first
 
 
-def test_only_what_changed_is_read_again(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_links_are_made_again_only_of_other_texts(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made.links(run, NAMES)
-    asked: list[str] = []
-    real = building.make_part
-
-    def noted(folder: str, name: str, path: str, table: str) -> dict[str, int]:
-        asked.append(table)
-        return real(folder, name, path, table)
-
-    monkeypatch.setattr(building, "make_part", noted)
-    made.links(run, NAMES)
-    assert asked == []
+    with monkeypatch.context() as patch:
+        patch.setattr(building, "make_part", None)  # nothing is read again
+        made.links(run, NAMES)
     made.fill(run.root, comments=["wolf"], posts=[("Creeper", "", [])])
     made.links(run, NAMES)
-    assert sorted(asked) == ["reddit/comments", "reddit/posts"]
-    taken = bytes_of(run.root)
-    asked.clear()
-    made.links(run)  # the wiki's names are others
-    assert sorted(asked) == ["wiki/elements", "wiki/pages"]
-    assert bytes_of(run.root) != taken
-    made.links(replace(run, again=True), NAMES)
-    assert bytes_of(run.root) == taken
+    assert any(row["source"] == "reddit" for row in made.rows(run.root))
     # A source whose clean tables are gone leaves the links too.
     shutil.rmtree(run.root / "clean" / "wiki")
     made.links(run)
@@ -126,40 +114,14 @@ def test_only_what_changed_is_read_again(run: Run, monkeypatch: pytest.MonkeyPat
     assert all(row["wiki_page_id"] is None for row in made.rows(run.root, "entities"))
 
 
-def test_a_run_that_was_cut_off_goes_on(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    made.links(run, NAMES)
-    whole = bytes_of(run.root)
-    shutil.rmtree(run.root / "links")
-    real = building.make_part
-    done: list[str] = []
-
-    def stopping(folder: str, name: str, path: str, table: str) -> dict[str, int]:
-        if len(done) == 3:
-            raise KeyboardInterrupt
-        done.append(name)
-        return real(folder, name, path, table)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(building, "make_part", stopping)
-        with pytest.raises(KeyboardInterrupt):
-            made.links(run, NAMES)
-    assert not (run.root / "links").exists()
-    monkeypatch.setattr(building, "make_part", lambda *task: (done.append(task[1]), real(*task))[1])
-    made.links(run, NAMES)
-    assert len(done) == len(set(done)) == 6
-    assert bytes_of(run.root) == whole
-
-
 def test_a_lost_or_damaged_file_is_told_and_mended(run: Run) -> None:
     made.links(run, NAMES)
     (path,) = Layout(run.root).rows("links/entities")
     path.unlink()
-    with pytest.raises(DamagedData, match="entities-00000-of-00001"):
-        made.links(run, NAMES)
     assert [(one.kind, one.state, one.path) for one in verify(run.root, Progress()).entries] == [
         ("links", "missing", path)
     ]
-    made.links(replace(run, again=True), NAMES)
+    made.links(run, NAMES)
     assert not verify(run.root, Progress()).entries
     path.write_bytes(path.read_bytes()[:-40])
     (one,) = verify(run.root, Progress()).entries
@@ -242,7 +204,6 @@ def test_leftovers_of_a_killed_run_go_with_the_next(run: Run) -> None:
     left = [
         run.root / ".links.new" / "links-00000-of-00001.parquet",
         run.root / "links" / ".links-00000-of-00001.parquet.1-2-abc.tmp",
-        run.root / "state" / "links" / "0123456789abcdef" / "plan.json",
     ]
     for path in left:
         path.parent.mkdir(parents=True, exist_ok=True)

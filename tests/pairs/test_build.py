@@ -11,7 +11,7 @@ from kb.artifacts.makers import make_and_export
 from kb.artifacts.measures import read_measures, write_measure
 from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
-from kb.core.errors import FatalError, LimitReached, ProfileError, SettingError
+from kb.core.errors import FatalError, ProfileError, SettingError
 from kb.pairs import build as building
 from kb.pairs.restore import refill
 from kb.store.layout import Layout
@@ -41,7 +41,7 @@ def test_the_whole_job(run: Run) -> None:
     assert made is not None
     counts = made.figures["keywords"]
     assert sum(hits["matches"] for hits in counts.values()) == summary["matches"]
-    assert not list((run.root / "state" / "pairs").iterdir())
+    assert not list(run.root.glob("pairs/.*"))
 
 
 def test_transcripts_that_a_killed_filter_had_moved_away_come_back(run: Run) -> None:
@@ -64,20 +64,6 @@ def test_workers_cuts_and_file_layout_change_no_byte(
         _bytes(other.root / "pairs") | {"released": _bytes(other.root / "release" / "pairs")}
         == first
     )
-
-
-def test_a_limit_stops_and_the_next_run_goes_on(run: Run) -> None:
-    limited = replace(run, limit=25)
-    done = []
-    for _ in range(2):
-        with pytest.raises(LimitReached) as caught:
-            make_and_export(limited, "pairs")
-        done.append(caught.value.summary["videos"])
-    assert make_and_export(limited, "pairs")["videos"] == 60
-    assert done == [25, 50]
-    stopped = _bytes(run.root / "pairs")
-    make_and_export(replace(run, again=True), "pairs")
-    assert _bytes(run.root / "pairs") == stopped
 
 
 def test_made_pairs_are_not_made_again_until_something_changes(run: Run, monkeypatch) -> None:

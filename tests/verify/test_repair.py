@@ -49,18 +49,6 @@ def test_a_release_without_its_description_gets_it_where_nothing_is_damaged(root
     assert ["kb release" in line for line in said] == [True]
 
 
-def test_repair_clears_parts_of_finished_pairs_and_keeps_those_of_others(root: Path) -> None:
-    """A repair that was killed behind the last rename of its pairs: nothing of them is damaged."""
-    made = manifest.read(root, "pairs")
-    assert made is not None
-    for name in (made.figures["made_in"], "going-on"):
-        part = root / "state/pairs" / name / "plan.json"
-        part.parent.mkdir(parents=True)
-        part.write_text("{}")
-    Recipe("verify").defined("repair")(run_at(root))
-    assert [path.name for path in (root / "state/pairs").iterdir()] == ["going-on"]
-
-
 def test_a_repair_killed_after_its_crawl_filters_when_it_is_run_again(root: Path) -> None:
     raw = one(root, "raw/youtube/videos/*.zst")
     whole = raw.read_bytes()

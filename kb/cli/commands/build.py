@@ -78,7 +78,6 @@ def build(
     still made; the same command resumes.
     """
     from kb.artifacts import freshness
-    from kb.artifacts.resumable_build import clear_finished
     from kb.artifacts.table_catalog import Catalog
 
     if Catalog(run.root.absolute()).is_download:
@@ -99,9 +98,6 @@ def build(
     outdated = freshness.plan(run, artifacts)
     if plan:
         return _planned(run, len(artifacts), outdated)
-    for name in artifacts:
-        if name not in outdated:
-            clear_finished(run.root, name)
     return _make(run, len(artifacts), outdated)
 
 

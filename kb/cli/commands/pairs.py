@@ -35,14 +35,12 @@ class PairsFormat(StrEnum):
     app,
     main=True,
     uses=CLUSTER,
-    limit="Stop after N more transcripts (exit code 3); the next run resumes.",
     again="Match all transcripts again, even if nothing has changed.",
     json="pairs, videos, words, matches, keywords_found, ambiguous_alone, outside",
     needs_data=True,
     checks=True,
     examples=[
         ("kb pairs                                    pairs/ with text, release/pairs/ without"),
-        ("kb pairs --limit 1000                       1,000 transcripts; the next run resumes"),
         (
             "kb pairs --format video2dataset             a list of clips for video2dataset to"
             " download"
@@ -79,10 +77,8 @@ def pairs(
         return make_and_export(run, "pairs", format.value)
     if format is not PairsFormat.parquet:
         raise SettingError("--from-index can't be combined with --format: it always fills pairs/")
-    if run.limit is not None or run.again:
-        raise SettingError(
-            "--from-index can't be combined with --limit or --again: it fills in all texts at once"
-        )
+    if run.again:
+        raise SettingError("--from-index can't be combined with --again: it fills in all texts")
     from kb.pairs.restore import refill
 
     return refill(run, from_index)
