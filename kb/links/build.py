@@ -12,6 +12,7 @@ written as the entity is, then the smallest id.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
