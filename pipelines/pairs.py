@@ -6,26 +6,20 @@ random to 16–77 CLIP tokens; a random moment within the match's cues is the ce
 8–16 s. The profile decides what the paper leaves open: whole words, rules for everyday words, and
 which of a video's overlapping clips are kept.
 
-    build      transcripts → pairs/pairs-*.parquet
+    tables     transcripts → pairs/pairs-*.parquet, with the scores of pairs that have not changed
     measure    second tracks of a sample of videos → pairs/measures.json
-    release    pairs/ → release/pairs/, without text
-    layouts    pairs/ → export/<format>/
-    refill     a released index and one's own transcripts → pairs/pairs-*.parquet
+    export     pairs/ → release/pairs/, without text, or export/<format>/
 """
 
-from pathlib import Path
-
-from kb.artifacts import domain_binding
 from kb.artifacts.measures import check_pairs, write_measure
 from kb.core.context import Run
-from kb.core.errors import LimitReached
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.pairs import measures
 from kb.pairs.build import build, check
 from kb.pairs.keywords import Keywords
 from kb.pairs.measures import VideoSample
-from kb.store.layout import Layout
+from kb.score.build import put_back
 from kb.store.tables.columns import word_count
 from kb.youtube.crawl.second_tracks import (
     fetch_second_tracks,
@@ -35,16 +29,21 @@ from kb.youtube.crawl.second_tracks import (
 from kb.youtube.parse.assemble import second_tracks
 
 
-def pairs(run: Run, layout: str) -> Summary:
-    """Make the pairs, then write them in the given layout."""
+def tables_needs(run: Run) -> None:
+    """Raises UsageError without keywords, or the extra that matches them."""
     check(run)
-    with domain_binding.writing(run, "pairs", "release-pairs"):
-        try:
-            made = build(run)
-        except LimitReached:
-            _write(run, layout)  # what is done so far is complete in itself
-            raise
-        return Summary(made, **_write(run, layout))
+
+
+def tables(run: Run) -> Summary:
+    """Make the pairs; those that were scored keep their scores."""
+    made = build(run)
+    put_back(run)
+    return made
+
+
+def export(run: Run, format: str = "parquet") -> Summary:
+    """pairs/ to release/pairs, or to export/<format>."""
+    return layouts.export(run, "pairs", format)
 
 
 def measure(run: Run, size: int) -> Summary:
@@ -76,16 +75,3 @@ def _sample(run: Run, size: int) -> tuple[VideoSample, Keywords]:
     keywords = check(run)
     check_pairs(run.root)
     return measures.sampled(run.root, with_both(run), size, run.seed), keywords
-
-
-def refill(run: Run, index: Path) -> Summary:
-    """Fill in the texts of a released index from your own transcripts."""
-    from kb.pairs.restore import refill
-
-    return refill(run, index)
-
-
-def _write(run: Run, layout: str) -> dict[str, object]:
-    """Write the release or another layout; returns where."""
-    made = layouts.export(run, "pairs", layout)
-    return {"release": str(Layout(run.root).release("pairs"))} if layout == "parquet" else made

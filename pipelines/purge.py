@@ -1,61 +1,46 @@
 """Purge (MineDojo paper, datasheet: maintenance, "if others want to be removed").
 
-What was deleted at its source, or named, leaves every folder for good; what was made of it is made
-again.
+What was deleted at its source, or named, leaves every folder for good.
 
+    derived    everything that is made of the source is removed at once, and made again at the end
     raw        tombstones, raw answers, frontier: the source's own
-    index      removed; the next search builds it again
-    rows       of tables, of rejected, failed and pending; pairs, tasks, links
+    kept       rows of what can't be made again: restored rows, labels
     scores     annotations of texts that no row has any more
-    exports    release/, export/, links/ and report/ as far as they are there
 """
 
-import shutil
 from pathlib import Path
 
 from kb.annotate.scores import drop_unused
-from kb.artifacts import domain_binding, manifest
+from kb.artifacts import domain_binding, freshness, manifest
 from kb.artifacts import purge as steps
-from kb.artifacts.purge import PurgeLine, PurgeRules, Step
+from kb.artifacts.makers import failure, make_outdated
+from kb.artifacts.purge import PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
-from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
-from kb.core.errors import DamagedData
-from kb.core.sources import MADE_OF, SOURCES
+from kb.core.errors import DamagedData, KbError
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
-from kb.crawl.purge import purge_answers
-from kb.export import layouts
+from kb.crawl.purge import dry_purge, remove_keys
 from kb.filters.filter_run import texts
-from kb.release.build import describe
-from kb.report.build import report_again
 from kb.store import lock
-from kb.store.layout import Layout
-
-STEPS: tuple[Step, ...] = (steps.index, steps.rows, steps.exports)
 
 
-def purge(run: Run, source: str, ids: Path | None, people: Path | None = None) -> Summary:
+def purge(
+    run: Run, source: str, ids: Path | None, people: Path | None = None, *, build: bool = True
+) -> Summary:
     """Every step, while nobody else writes what it touches. `ids` is a list of items to remove,
-    `people` one of those whose items are.
+    `people` one of those whose items are. Without `build` the caller makes again what was removed.
 
     After an interruption the same command continues.
     """
     rules, listed, asked = _asked_for(source, ids, people)
     with domain_binding.writing(run, *lock.of_purge(source)):
-        clean = f"clean/{source}"
-        current = manifest.is_current(run.root, clean)
-        purge = purge_answers(run, rules, listed, asked)
-        removed: list[PurgeLine] = []
+        purge, removed = remove_keys(run, rules, listed, asked)
         scores = 0
-        if purge.keys:
-            list(steps.index(purge))
-            removed = list(steps.rows(purge))
-            if current:  # what was removed left raw/ and clean/ alike
-                manifest.note_inputs(run.root, clean)
+        if purge.removed:
             with manifest.editing(run.root, f"annotations/{source}"):
                 scores = drop_unused(run.root, source, texts(run, source))
-            _write_again(run, source)
         counts = {"rows": sum(line.count for line in removed), "scores": scores, **purge.counts}
         about = {"command": f"purge {source}", "source": source}
         summary = Summary({**about, **purge.summary(), **counts})
@@ -64,14 +49,27 @@ def purge(run: Run, source: str, ids: Path | None, people: Path | None = None) -
         except DamagedData as error:
             error.summary = summary
             raise
+        if build:
+            try:
+                make_again(run)
+            except KbError as error:  # what can't be made again is gone all the same
+                error.summary = summary
+                raise
     return summary
+
+
+def make_again(run: Run) -> None:
+    """Make what purges removed. Raises what `failure` gives; what fails is gone all the same."""
+    outdated = freshness.plan(run, manifest.vacant(run.root))
+    if error := failure(list(make_outdated(run, outdated))):
+        raise error
 
 
 def plan(run: Run, source: str, ids: Path | None, people: Path | None = None) -> Summary:
     """The same as a dry run: what would be removed, by table and folder."""
     rules, listed, asked = _asked_for(source, ids, people)
-    with steps.dry_purge(run, rules, listed, asked) as purge:
-        counted = (steps.answers, *STEPS) if purge.keys else ()
+    with dry_purge(run, rules, listed, asked) as purge:
+        counted = (steps.derived, steps.answers, steps.kept) if purge.removed else ()
         return steps.plan_summary(purge, (line for step in counted for line in step(purge)))
 
 
@@ -82,16 +80,3 @@ def _asked_for(
     rules = SOURCES[source].purge_rules()
     listed = rules.read_ids(ids, None) if ids else None
     return rules, listed, rules.people.read(people) if rules.people and people else None
-
-
-def _write_again(run: Run, source: str) -> None:
-    """Exports are written again from clean, and everything around them; what can't is removed."""
-    layouts.export_again(run, source)
-    if source == "youtube":
-        layouts.export_again(run, "open-text")
-        shutil.rmtree(Layout(run.root).pairing, ignore_errors=True)
-        layouts.export_again(run, "pairs")
-        load(str(locate("tasks"))).rebuild(run)
-    load(str(locate("links"))).rebuild(run)
-    describe(run, [source, *MADE_OF])
-    report_again(run)

@@ -15,7 +15,8 @@ from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
-from kb.filters.chain import Chain, Clean
+from kb.filters.chain import Chain, Clean, Description, GivenUp, PurgeKeys, RawRows
+from kb.filters.filter_run import check_kept, check_scorer, run_clean
 from kb.filters.predicates import AtLeast, In, NotIn, NotTrue, Predicate, Present, Waits, none_above
 from kb.reddit import status
 from kb.reddit.parse.answers import KINDS, raw_kind
@@ -28,8 +29,8 @@ THERE = (
 GONE = ("deleted", "removed")
 POST, COMMENT = {"title": "toxicity_title", "body": "toxicity_body"}, {"body": "toxicity_body"}
 # What rejected rows keep for readers.
-OF_POST = {"title": "title", "text": "body", "type": "type"}
-OF_COMMENT = {"text": "body", "post_id": "post_id", "parent_id": "parent_id"}
+OF_POST = Description({"title": "title", "text": "body", "type": "type"}, "gone")
+OF_COMMENT = Description({"text": "body", "post_id": "post_id", "parent_id": "parent_id"}, "gone")
 
 
 def posts(p: Profile) -> tuple[Predicate, ...]:
@@ -62,28 +63,36 @@ def comments(p: Profile) -> tuple[Predicate, ...]:
 def clean(p: Profile) -> Clean:
     """Raw answers, live ones and dumps, to clean posts and comments."""
     links = p.section(RedditSection).links
-    each = partial(Chain, helpers=HELPERS, person="author_hash", gone="gone")
+    each = partial(Chain, helpers=HELPERS, purged=PurgeKeys(person="author_hash"))
     return Clean(
         source="reddit",
-        kinds={of: raw_kind(of, links) for of in KINDS},
-        assemble=assemble,
+        raw=RawRows({of: raw_kind(of, links) for of in KINDS}, assemble),
         chains=(
-            each("reddit/posts", "post_id", posts(p), "t3_", POST, described_by=OF_POST),
+            each("reddit/posts", "post_id", posts(p), "t3_", POST, described=OF_POST),
             each(
                 *("reddit/comments", "comment_id", comments(p), "t1_", COMMENT),
                 relate=with_posts,
-                described_by=OF_COMMENT,
+                described=OF_COMMENT,
             ),
         ),
         scorer=toxicity,
-        unanswered=status.failures,
-        ended_by_failure=("more",),
+        given_up=GivenUp(status.failures, ends=("more",)),
         complete=with_counts,
-        about=status.incomplete_count,
+        figures=lambda root, _: status.incomplete_count(root),
     )
 
 
-def export(run: Run, format: str, **options: Any) -> Summary:
-    """Clean to release/reddit, or to export/<format>."""
+def tables_needs(run: Run) -> None:
+    """Raises UsageError without the model that scores texts."""
+    check_scorer(run, "reddit")
+
+
+def tables(run: Run) -> Summary:
+    """raw/reddit to clean/reddit."""
+    return check_kept(run, "reddit", run_clean(run, "reddit"))
+
+
+def export(run: Run, format: str = "parquet", **options: Any) -> Summary:
+    """clean/reddit to release/reddit, or to export/<format>."""
     made = layouts.export(run, "reddit", format, **options)
     return Summary(made | status.incomplete_count(run.root))

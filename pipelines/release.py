@@ -11,19 +11,19 @@ folder or one repository of all: what the paper's authors made by hand.
                repository of the Hugging Face hub
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 from kb.core.context import Run
 from kb.core.summary import Summary
+from kb.release import build
 from kb.release.publish.publish import plan as plan_upload
 from kb.release.publish.publish import publish as upload
 
 
-def release(run: Run, only: list[str]) -> Summary:
+def release(run: Run, only: Sequence[str] = ()) -> Summary:
     """Run the gate, then write everything that describes the data."""
-    from kb.release.build import release
-
-    return release(run, only)
+    return build.release(run, only)
 
 
 def publish(run: Run, to: str, only: list[str], **how: Any) -> Summary:

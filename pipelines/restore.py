@@ -10,14 +10,14 @@ downloads it brings the content back with keys of their own.
 from dataclasses import replace
 
 from kb.artifacts.restore import RestoreJob, choose, write_missing
-from kb.core.config.pipeline import load, locate
+from kb.core.config.pipeline import Recipe
 from kb.core.config.profile import Profile
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary import plan as planned
 from kb.crawl.job import Parts
-from kb.filters.chain import Clean
+from kb.filters.chain import Clean, Description
 from kb.filters.filter_run import run_clean
 from kb.filters.topic import released_stages
 from kb.pairs.restore import TextRestore
@@ -33,12 +33,12 @@ ROWS = ("videos", "transcripts", "posts", "comments", "pairs", "filled", "differ
 
 def clean(p: Profile) -> Clean:
     """Raw answers to the tables of every available video: what is released was judged."""
-    shipped: Clean = load(str(locate("youtube"))).clean(p)
+    shipped: Clean = Recipe("youtube").defined("clean")(p)
     chain = replace(
         shipped.chains[0],
         stages=released_stages(p.section(YouTubeSection)),
         scores={},
-        described_by={},
+        described=Description(),
     )
     return replace(shipped, chains=(chain,), scorer=None)
 
@@ -88,4 +88,4 @@ def _jobs(run: Run, folders: Folders, dumps: Dumps, only: str | None) -> tuple[R
 
 def _sort(run: Run) -> None:
     """The raw answers of a work folder → its clean tables, by `clean` above."""
-    run_clean(replace(run, pipeline=str(locate("restore"))), "youtube")
+    run_clean(run, "youtube", recipe="restore")

@@ -3,29 +3,15 @@
 The titles of kept videos that say what is done become prompts. Chapters in the description, or the
 transcript, say when the task begins and ends.
 
-    build      titles → tasks/tasks-*.parquet; those that give none → tasks/titles-*.parquet
-    release    tasks/ → release/tasks/
-    layouts    tasks/ → export/<format>/
+    tables     titles → tasks/tasks-*.parquet; those that give none → tasks/titles-*.parquet
+    export     tasks/ → release/tasks/, or export/<format>/
 """
 
-from kb.artifacts import domain_binding
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
-from kb.store.layout import Layout
-from kb.tasks.build import build, check
+from kb.tasks.build import build
 from kb.youtube.ytdlp.info import playlists
-
-
-def tasks(run: Run, layout: str) -> Summary:
-    """Make the tasks, then write them in the given layout."""
-    check(run)
-    with domain_binding.writing(run, "tasks", "release-tasks"):
-        made = tables(run)
-        written = layouts.export(run, "tasks", layout)
-    if layout == "parquet":
-        written = Summary(release=str(Layout(run.root).release("tasks")))
-    return Summary(made, **written)
 
 
 def tables(run: Run) -> Summary:
@@ -33,6 +19,6 @@ def tables(run: Run) -> Summary:
     return build(run, playlists(run.root))
 
 
-def rebuild(run: Run) -> None:
-    """Rebuild existing tasks and all that is made of them; delete what can't be rebuilt."""
-    layouts.rebuild(run, "tasks", "tasks", tables)
+def export(run: Run, format: str = "parquet") -> Summary:
+    """tasks/ to release/tasks, or to export/<format>."""
+    return layouts.export(run, "tasks", format)

@@ -9,19 +9,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from kb.artifacts.resumable_build import clear_finished
-from kb.core.config.pipeline import load, locate
+from kb.artifacts.makers import make_artifact
+from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import PUBLISHED, SOURCES, exported_by
+from kb.core.sources import MADE_OF, PUBLISHED, SOURCES
 from kb.crawl.job import crawl_source
 from kb.crawl.session import open_session
-from kb.export import layouts
-from kb.filters.filter_run import run_clean
-from kb.pairs.build import build
-from kb.release.build import release
-from kb.search.build import follow
-from kb.store.layout import Layout
+from kb.store.artifact_registry import ARTIFACTS, RELEASE
 from kb.store.rawlog import damaged_answers
 from kb.verify.findings import Findings
 from kb.verify.repair import Crawl, Describe, Make, Step, repaired
@@ -40,24 +35,17 @@ def repair(run: Run) -> tuple[Findings, list[str]]:
 
 def steps(run: Run) -> Iterator[Step]:
     """Everything that can be rebuilt, in the order of the data; each step checks whether to."""
-    at, anew = Layout(run.root), replace(run, again=True)
+    anew = replace(run, again=True)
     for source in SOURCES:
         yield Crawl(source, partial(_set_aside, run, source), partial(_crawl, run, source))
-        clean = partial(run_clean, run, source)
-        yield Make("clean", f"kb {source} filter", clean, (at.clean(source),), after=source)
-    yield Make("pairs", "kb pairs --again", partial(build, anew), (at.pairs,))
-    clear_finished(run.root, "pairs")
-    tasks = partial(load(str(locate("tasks"))).tables, anew)
-    yield Make("tasks", "kb tasks --again", tasks, (at.tasks,))
-    links = partial(load(str(locate("links"))).tables, anew)
-    yield Make("links", "kb links --again", links, (at.links,))
-    for source in SOURCES:
-        step = partial(follow, anew, source)
-        yield Make("index", "kb index --again", step, (at.index(source),))
+    for name, artifact in ARTIFACTS.items():
+        kind, _, rest = name.partition("/")
+        if kind in ("clean", "index", "release", *MADE_OF) and name != RELEASE:
+            place, made_again = artifact.folder(run.root), partial(make_artifact, anew, name)
+            source = rest if kind == "clean" else ""
+            yield Make(kind, artifact.command_again, made_again, (place,), after=source)
     for name in PUBLISHED:
-        export = partial(layouts.export, run, name)
-        yield Make("release", exported_by(name), export, (at.release(name),))
-        yield Describe(name, partial(release, run, [name]))
+        yield Describe(name, partial(make_artifact, run, RELEASE, {"only": [name]}))
 
 
 def _set_aside(run: Run, source: str) -> list[str]:
@@ -73,5 +61,5 @@ def _set_aside(run: Run, source: str) -> list[str]:
 
 
 def _crawl(run: Run, source: str) -> object:
-    own = getattr(load(str(locate(source))), "crawl", None)
+    own = recipe_of(run.profile, source).defined("crawl", None)
     return own(run) if own is not None else crawl_source(run, SOURCES[source])

@@ -19,9 +19,18 @@ from kb.core.config.profile.collecting import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
-from kb.filters.chain import Chain, Clean, Follow, SideFiles
+from kb.filters.chain import (
+    Chain,
+    Clean,
+    Description,
+    Follow,
+    PurgeKeys,
+    RawRows,
+    SideFiles,
+)
+from kb.filters.filter_run import check_kept, check_scorer, run_clean
 from kb.filters.predicates import AtLeast, Predicate, Present, RecordedReason, Waits, none_above
-from kb.wiki.parse import tables
+from kb.wiki.parse import tables as parsed
 from kb.wiki.parse.decode import HELPERS, KINDS, assemble
 from kb.wiki.parse.facts import MarkupRules
 
@@ -57,18 +66,35 @@ def clean(p: Profile) -> Clean:
     markup = p.section(WikiSection).markup
     rules = MarkupRules(markup.units, markup.item)
     scores, shown = {"text": "toxicity"}, {"title": "title", "text": "text"}
-    also = ("title", "of_page")  # columns that a tombstone may name
-    pages = partial(Chain, "wiki/pages", "key", scores=scores, helpers=HELPERS)
+    rows = partial(assemble, url=p.section(WikiSection).url)
+    pages = Chain(
+        "wiki/pages",
+        "key",
+        stages(p),
+        scores=scores,
+        helpers=HELPERS,
+        purged=PurgeKeys(also=("title", "of_page")),
+        described=Description(shown),
+    )
+    captured = SideFiles(partial(parsed.read_pages, rules=rules), parsed.size)
     return Clean(
         source="wiki",
-        kinds=KINDS,
-        assemble=partial(assemble, url=p.section(WikiSection).url),
-        chains=(pages(stages(p), also=also, described_by=shown),),
-        follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
+        raw=RawRows(KINDS, rows, captured),
+        chains=(pages,),
+        follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in parsed.PARTS),
         scorer=toxicity,
-        side_files=SideFiles(partial(tables.read_pages, rules=rules), tables.size),
-        figures=tables.figures,
+        figures=lambda _, made: parsed.figures(made),
     )
+
+
+def tables_needs(run: Run) -> None:
+    """Raises UsageError without the model that scores texts."""
+    check_scorer(run, "wiki")
+
+
+def tables(run: Run) -> Summary:
+    """raw/wiki to clean/wiki."""
+    return check_kept(run, "wiki", run_clean(run, "wiki"))
 
 
 def export(run: Run, format: str = "parquet", **options: Any) -> Summary:

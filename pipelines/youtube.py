@@ -16,7 +16,16 @@ from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
-from kb.filters.chain import Chain, Clean, Follow
+from kb.filters.chain import (
+    Chain,
+    Clean,
+    Description,
+    Follow,
+    GivenUp,
+    PurgeKeys,
+    RawRows,
+)
+from kb.filters.filter_run import check_kept, check_scorer, run_clean
 from kb.filters.predicates import (
     PUBLIC,
     AtLeast,
@@ -37,10 +46,12 @@ from kb.youtube.parse.view_counting import kept_counts
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 # What rejected rows keep for readers.
-DESCRIBED_BY = {
-    **{name: name for name in ("title", "channel_id", "channel_title")},
-    "text": "description",
-}
+SHOWN = Description(
+    {
+        **{name: name for name in ("title", "channel_id", "channel_title")},
+        "text": "description",
+    }
+)
 SCORES = {"title": "toxicity_title", "description": "toxicity_description"}
 THERE = NotTrue("missing", stage="missing", reason="missing")
 
@@ -95,34 +106,43 @@ def clean(p: Profile) -> Clean:
         stages(p),
         scores=SCORES,
         helpers=HELPERS,
-        described_by=DESCRIBED_BY,
-        person="channel_id",
-        stands_for=mark,
+        purged=PurgeKeys(person="channel_id", stands_for=mark),
+        described=SHOWN,
     )
     section = p.section(YouTubeSection)
+    joined = partial(
+        assemble,
+        words=word_count,
+        language=TrackLanguage(section.language, section.translate),
+        own=section.own_transcripts,
+    )
     return Clean(
         source="youtube",
-        kinds=KINDS,
-        assemble=partial(
-            assemble,
-            words=word_count,
-            language=TrackLanguage(section.language, section.translate),
-            own=section.own_transcripts,
-        ),
+        raw=RawRows(KINDS, joined),
         chains=(rows,),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
         scorer=toxicity,
-        unanswered=unanswered,
+        given_up=GivenUp(unanswered),
         complete=with_tracks,
-        figures=kept_counts,
+        figures=lambda _, made: kept_counts(made),
     )
 
 
-def export(run: Run, format: str, **options: Any) -> Summary:
-    """Clean to release/youtube and release/open-text, or to a format of others."""
-    summary = layouts.export(run, "youtube", format, **options)
-    if format != "parquet":
-        return summary
-    made = layouts.export(run, "open-text")
-    counted = {name: made[name] for name in ("open_text", "uncredited") if made.get(name)}
-    return Summary(summary | counted)
+def tables_needs(run: Run) -> None:
+    """Raises UsageError without the model that scores texts."""
+    check_scorer(run, "youtube")
+
+
+def tables(run: Run) -> Summary:
+    """raw/youtube to clean/youtube."""
+    return check_kept(run, "youtube", run_clean(run, "youtube"))
+
+
+def export(run: Run, format: str = "parquet", **options: Any) -> Summary:
+    """clean/youtube to release/youtube, or to export/<format>."""
+    return layouts.export(run, "youtube", format, **options)
+
+
+def export_open_text(run: Run) -> Summary:
+    """Transcripts under an open licence to release/open-text, where the profile asks for it."""
+    return layouts.export(run, "open-text")

@@ -2,15 +2,16 @@
 and which services they came from; mixing two would spoil both.
 
 state/profile.json holds the name and, for a profile of one's own, its file; state/profile/ a copy
-of the profile and its keyword files as the newest command used them, for when they are gone. Like a
-service's host a profile binds once something is stored: a mistyped one that nothing came from does
-no harm. Numbers may change within a profile; another name is refused (OtherService, exit 2).
+of the profile, its keyword files and recipes as the newest command used them, for when they are
+gone. Like a service's host a profile binds once something is stored: a mistyped one that nothing
+came from does no harm. Numbers may change within a profile; another name is refused (OtherService,
+exit 2).
 """
 
+import contextlib
 import filecmp
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -18,9 +19,10 @@ import msgspec
 
 from kb.artifacts.data_roots import is_root
 from kb.artifacts.table_catalog import Catalog
+from kb.core.config import pipeline
 from kb.core.config.profile import Profile, load_profile, shipped_names
 from kb.core.context import Run
-from kb.core.errors import OtherService, ProfileError
+from kb.core.errors import OtherService, ProfileError, SettingError
 from kb.core.installation import PROFILE_FILE
 from kb.core.sources import SOURCES
 from kb.store import leftovers, lock
@@ -101,16 +103,30 @@ def note(root: Path, profile: Profile) -> None:
     OtherService.
     """
     check(root, profile)
+    recipes = _trusted(profile)
+    for path, text in recipes.items():
+        pipeline.remember(path, text)
     if Layout(root).kept_profile.resolve() in profile.path.parents:  # the root's own copy is used
         return
     if _read(root) != _of(root, profile):
         with lock.deciding(Layout(root).profile):
             _note(root, profile)
-    _keep(root, profile)  # not what was refused
+    _keep(root, profile, recipes)  # not what was refused
 
 
-def _keep(root: Path, profile: Profile) -> None:
-    """Copy the profile and its keyword files into the data root, where they have changed."""
+def _trusted(profile: Profile) -> dict[Path, str]:
+    """The user's own recipes that may run, with their texts."""
+    texts = {}
+    for path in pipeline.own(profile).values():
+        with contextlib.suppress(SettingError):  # which whoever runs it raises
+            texts[path] = pipeline.own_text(profile, path)
+    return texts
+
+
+def _keep(root: Path, profile: Profile, recipes: Mapping[Path, str]) -> None:
+    """Copy the profile, its keyword files and recipes into the data root, where they have changed.
+    A recipe's copy may run on this machine.
+    """
     if profile.path == Path():
         return
     names = profile.pairs.keyword_files if profile.pairs else ()
@@ -121,6 +137,11 @@ def _keep(root: Path, profile: Profile) -> None:
         place = Layout(root).kept_profile / name
         if source.is_file() and not (place.is_file() and filecmp.cmp(source, place, shallow=False)):
             write_bytes(place, source.read_bytes())
+    for path, text in recipes.items():
+        place = Layout(root).kept_profile / path.relative_to(profile.path.parent)
+        if not place.is_file() or place.read_bytes() != text.encode():
+            write_bytes(place, text.encode())
+        pipeline.remember(place, text)
 
 
 def _note(root: Path, profile: Profile) -> None:
@@ -146,7 +167,7 @@ def _of(root: Path, profile: Profile) -> Remembered:
     return Remembered(profile.name, file, relative)
 
 
-@contextmanager
+@contextlib.contextmanager
 def writing(run: Run, *locks: str, workplace: Path | None = None) -> Iterator[None]:
     """Hold these locks of the run's data root, which remembers the run's profile from then on; of a
     download, those of its workplace, or of another folder for what can't be kept in the root.

@@ -1,9 +1,9 @@
 """What is out of date, and why: the one answer for `kb build`, `kb status`, what `kb release`
 refuses, and the warnings of commands that read.
 
-The manifest of an artifact records digests of its inputs, the values of the profile and of keyword
-files that its command read, and the number of its rules. It is current when all three are those of
-now and its inputs are current too.
+The manifest of an artifact records digests of its inputs, the values of the profile, keyword files
+and recipes that made it, and the number of its rules. It is current when all three are those of now
+and its inputs are current too.
 
     settings(run, "pairs")        what its manifest records
     reasons(run, "pairs")         why it has to be made again; [] where it has not
@@ -22,6 +22,7 @@ from typing import Any
 from kb.artifacts import index, manifest
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.table_catalog import Catalog
+from kb.core.config.pipeline import digests
 from kb.core.config.profile import Profile
 from kb.core.config.profile.base import read_text
 from kb.core.context import Run
@@ -29,16 +30,15 @@ from kb.core.errors import DamagedData, FatalError, SettingError
 from kb.core.installation import PROFILE_FILE, lock_digest
 from kb.core.sources import MADE_OF, PUBLISHED, SOURCES, made_of
 from kb.schema.tables import table
-from kb.store.artifact_registry import ARTIFACTS
+from kb.store.artifact_registry import ARTIFACTS, RELEASE
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
-from kb.store.state import json_files, tombstones
+from kb.store.state import tombstones
 
 MODEL = "KB_TOXICITY_MODEL"
-RELEASE = "release"  # cards, metadata and checksums of all folders: not a folder of its own
 FORMATS = tuple(dict.fromkeys(name for one in PUBLISHED.values() for name in one.formats))
 NAMES = (*SOURCES, *(name for name in MADE_OF if name != "open-text"), "index", "report", RELEASE)
-_NEVER_MADE = "not made yet"
+NEVER_MADE = "not made yet"
 _LONGEST = 40  # characters of a value in a message
 _SHOWN = 3  # artifacts that a warning names
 
@@ -48,13 +48,15 @@ Reasons = dict[str, list[str]]
 
 def settings(run: Run, name: str) -> dict[str, Any]:
     """The values that decide an artifact's content, by their keys in the profile; of a keyword
-    file, digests of its lines; of the columns of its tables, a digest.
+    file, digests of its lines; of its recipe and of the columns of its tables, a digest.
     """
     artifact = ARTIFACTS[name]
     values = _values(run.profile, artifact.settings, artifact.other_settings)
     for one in artifact.tables:  # a table that has other columns now is made again
         columns = str(table(one).arrow()).encode()
         values[f"schemas/{one}"] = hashlib.sha256(columns).hexdigest()[:12]
+    if artifact.maker is not None:
+        values |= digests(run.profile, artifact.maker.recipe)
     return values
 
 
@@ -77,7 +79,7 @@ def _values(profile: Profile, parts: Sequence[str], others: Sequence[str] = ()) 
     values = {
         key: value
         for key, value in _flat(data, "")
-        if _is_in(key, parts) and not _is_in(key, others)
+        if _is_in(key, parts) and not _is_in(key, others) and not key.endswith(".pipeline")
     }
     if "keywords" in parts or "" in parts:
         for file in profile.pairs.keyword_files if profile.pairs else ():
@@ -122,7 +124,7 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
     if name == "release/open-text" and not run.profile.release.open_text:
         return ["release.open_text true → false"] if made or artifact.folder(root).exists() else []
     if made is None:
-        return [_NEVER_MADE]
+        return [NEVER_MADE]
     lost = [] if source != name else manifest.missing(place, name)
     why = [f"{lost[0].name} is missing"] if lost else []
     if not made.figures.get("complete", True):
@@ -138,11 +140,13 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
 
 def changes(made: Manifest, now: Mapping[str, Any]) -> list[str]:
     """What has changed of settings and rules since an artifact was made, in words."""
-    before, rules = made.settings, ARTIFACTS[made.artifact].rules if made.artifact != RELEASE else 1
-    changed = [
+    before, rules = made.settings, ARTIFACTS[made.artifact].rules
+    has_recipe = any(key.endswith(".py") for key in before)
+    changed = [] if has_recipe else ["its recipe was not recorded"]  # by an older version
+    changed += [
         _change(key, before.get(key), now.get(key))
         for key in dict.fromkeys((*now, *before))
-        if now.get(key) != before.get(key)
+        if now.get(key) != before.get(key) and (has_recipe or not key.endswith(".py"))
     ]
     if len(changed) > 1:  # what changed in it is named
         changed = [one for one in changed if one != PROFILE_FILE]
@@ -154,6 +158,9 @@ def _change(key: str, before: Any, now: Any) -> str:
         old, new = (Counter(str(one or "").split()) for one in (before, now))
         lines = max((new - old).total(), (old - new).total())
         return f"{key}, {lines} {'line' if lines == 1 else 'lines'}" if lines else f"{key}, order"
+    if key.endswith(".py"):
+        what = "is its recipe now" if before is None else "changed" if now else "is not its recipe"
+        return f"{key} {what}"
     if key == PROFILE_FILE or key.startswith("schemas/"):
         return key
     if isinstance(before, list) and isinstance(now, list):
@@ -178,16 +185,17 @@ def _short(text: str) -> str:
 
 def note_described(run: Run, names: Iterable[str]) -> None:
     """Record what the descriptions of these release folders were made of. Raises DiskFull."""
-    made, now = _described(run.root), _release_settings(run)
+    made, now = manifest.read(run.root, RELEASE), _release_settings(run)
     kept = made.inputs if made is not None and made.settings == now else {}
     inputs = kept | {f"release/{name}": _described_input(run.root, name) for name in names}
-    manifest.write(_release_place(run.root), Manifest(RELEASE, "kb release", "", inputs, now, 1))
+    place = ARTIFACTS[RELEASE].manifest(run.root)
+    manifest.write(place, Manifest(RELEASE, "kb release", "", inputs, now, 1))
 
 
 def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
-    made = _described(run.root)
+    made = manifest.read(run.root, RELEASE)
     if made is None:
-        return [_NEVER_MADE]
+        return [NEVER_MADE]
     names = [name for name in PUBLISHED if ARTIFACTS[f"release/{name}"].manifest(run.root).exists()]
     why = []
     for name in names:
@@ -206,7 +214,7 @@ def _release_settings(run: Run) -> dict[str, Any]:
         "SOURCE_DATE_EPOCH": os.environ.get("SOURCE_DATE_EPOCH"),
     }
     profile = {PROFILE_FILE: hashlib.sha256(texts_).hexdigest()[:12]}
-    return values | made_with | profile
+    return values | made_with | profile | digests(run.profile, RELEASE)
 
 
 def _described_input(root: Path, name: str) -> str:
@@ -225,29 +233,23 @@ def _described_input(root: Path, name: str) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def _release_place(root: Path) -> Path:
-    return Layout(root).state_folder() / "manifests" / f"{RELEASE}.json"
-
-
-def _described(root: Path) -> Manifest | None:
-    return json_files.read(_release_place(root), Manifest, fix="run `kb release` again")
-
-
 # -- the graph -------------------------------------------------------------------------------------
 
 
 def graph(run: Run, asked: Sequence[str] = ()) -> list[str]:
     """The artifacts that `kb build` with these names looks after, each after its inputs; without
-    names all but export formats. A source without raw data is left out. Raises SettingError.
+    names all but export formats, of which it makes those again that a purge removed. A source
+    without raw data is left out. Raises SettingError.
     """
     if unknown := [name for name in asked if name not in (*NAMES, *FORMATS)]:
         raise SettingError(
             f"there is nothing called {unknown[0]!r} to build",
             hint=f"names: {', '.join(NAMES)}; formats: {', '.join(FORMATS)}",
         )
-    every = [name for name in _ordered() if _is_possible(run, name)]
+    every = [name for name in _made_again() if _is_possible(run, name)]
     if not asked:
-        return [name for name in every if not name.startswith("export/")]
+        removed = manifest.vacant(run.root)
+        return [name for name in every if not name.startswith("export/") or name in removed]
     wanted: set[str] = set()
     for name in every:
         kind, _, rest = name.partition("/")
@@ -260,44 +262,39 @@ def graph(run: Run, asked: Sequence[str] = ()) -> list[str]:
         ):
             wanted.add(name)
     for name in reversed(every):
-        if name in wanted and name != RELEASE:
+        if name in wanted:
             wanted |= set(ARTIFACTS[name].inputs)
     return [name for name in every if name in wanted]
 
 
-def _ordered() -> list[str]:
-    """Every artifact that can be made again from others, inputs first."""
-    filters = [f"clean/{source}" for source in SOURCES]
-    exports = [f"release/{name}" for name in PUBLISHED if made_of(name)[0] == name]
-    parts = [f"release/{name}" for name in PUBLISHED if PUBLISHED[name].part_of]
-    made = [one for name in ("pairs", "tasks", "links") for one in (name, f"release/{name}")]
-    indexes = [f"index/{source}" for source in SOURCES]
-    formats = [one for one in ARTIFACTS if made_from(one)]
-    return [*filters, *exports, *parts, *made, *indexes, "report", *formats, RELEASE]
-
-
-def made_from(name: str) -> str:
-    """The published data that an export format has; "" for what is no format."""
-    return next(
-        (one for one in PUBLISHED if name.removeprefix("export/") in PUBLISHED[one].exports), ""
-    )
+def _made_again() -> list[str]:
+    """Every artifact that can be made again, inputs first."""
+    return [name for name, artifact in ARTIFACTS.items() if artifact.maker is not None]
 
 
 def _is_possible(run: Run, name: str) -> bool:
     """Whether the data root and the profile have what an artifact is made of."""
-    root, profile = run.root, run.profile
+    root, profile, maker = run.root, run.profile, ARTIFACTS[name].maker
     kind, _, rest = name.partition("/")
     if kind == "clean":
         return getattr(profile, rest) is not None and rawlog.any_answer(root, rest)
-    if name == "release/open-text":
-        shown = profile.release.open_text or ARTIFACTS[name].folder(root).exists()
-        return shown and _has_rows(run, "youtube")
-    needs_keywords = {"pairs", "links"} & {kind, rest, made_from(name)}
-    if needs_keywords and profile.pairs is None:
+    if name == "release/open-text" and not profile.release.open_text:
+        return ARTIFACTS[name].folder(root).exists()
+    if profile.pairs is None and maker is not None and maker.recipe in ("pairs", "links"):
         return False
-    of = rest if kind in ("release", "index") else made_from(name) or kind
-    sources = made_of(of) if of in PUBLISHED else tuple(SOURCES)
-    return any(_has_rows(run, one) for one in sources)
+    return any(_has_rows(run, one) for one in sources_of(name))
+
+
+def lineage(name: str) -> set[str]:
+    """An artifact and all artifacts that it is made of."""
+    above = [one for one in ARTIFACTS[name].inputs if one in ARTIFACTS]
+    return {name}.union(*map(lineage, above))
+
+
+def sources_of(name: str) -> set[str]:
+    """The sources that an artifact is made of."""
+    clean = (one.partition("/") for one in lineage(name))
+    return {source for kind, _, source in clean if kind == "clean"}
 
 
 def _has_rows(run: Run, source: str) -> bool:
@@ -325,12 +322,17 @@ def stale(run: Run, *names: str) -> Reasons:
     if Catalog(run.root.absolute()).is_download:
         return {}
     wanted = set(names)
-    every = [name for name in _ordered() if _is_possible(run, name)]
+    every = [name for name in _made_again() if _is_possible(run, name)]
     for name in reversed(every):
-        if name in wanted and name != RELEASE:
+        if name in wanted:
             wanted |= set(ARTIFACTS[name].inputs)
     there = [one for one in every if one in wanted and manifest.read(run.root, one) is not None]
     return plan(run, there)
+
+
+def steps(outdated: Reasons) -> list[dict[str, Any]]:
+    """The same for scripts: `artifact` and `reasons`."""
+    return [{"artifact": name, "reasons": why} for name, why in outdated.items()]
 
 
 def lines(outdated: Reasons) -> list[str]:
@@ -361,7 +363,7 @@ def warning(run: Run) -> str:
             return ""
         names = [one for one in graph(run) if one not in (RELEASE, "report")]
         names = [one for one in names if not one.startswith("index/")]  # a search makes them
-        outdated = {name: why for name, why in plan(run, names).items() if why != [_NEVER_MADE]}
+        outdated = {name: why for name, why in plan(run, names).items() if why != [NEVER_MADE]}
     except (DamagedData, OSError):
         return ""
     if not outdated:

@@ -11,7 +11,7 @@ from kb.artifacts import manifest, texts
 from kb.artifacts.table_catalog import Catalog
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST
-from kb.store.atomic import remove_folder
+from kb.store.atomic import remove_path
 from kb.store.layout import Layout
 
 LOCKS = (".tantivy-meta.lock", ".tantivy-writer.lock")  # empty files, not part of an index
@@ -56,7 +56,7 @@ def remove(root: Path, source: str) -> None:
     catalog = Catalog(root.absolute())
     for place in (Layout(one).index(source) for one in (catalog.workplace, catalog.cached)):
         (place / MANIFEST).unlink(missing_ok=True)  # from here on there is no index
-        remove_folder(place)
+        remove_path(place)
 
 
 def remove_stale(root: Path, source: str) -> None:

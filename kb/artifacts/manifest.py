@@ -146,6 +146,33 @@ def write(place: Path, manifest: Manifest) -> None:
     write_bytes(place, msgspec.json.format(msgspec.json.encode(manifest), indent=1) + b"\n")
 
 
+def without_files(manifest: Manifest) -> Manifest:
+    """What is left to say of an artifact that was removed: how it was made."""
+    return msgspec.structs.replace(manifest, inputs={}, files={})
+
+
+def write_vacant(root: Path, manifest: Manifest) -> None:
+    """Write the manifest of an artifact that was removed and is to be made again; of its files it
+    lists those that were kept. Raises DiskFull.
+    """
+    artifact = ARTIFACTS[manifest.artifact]
+    folder = artifact.folder(root)
+    files = {} if artifact.public else {file.name: entry_of(file) for file in _files(folder)}
+    write(artifact.manifest(root), msgspec.structs.replace(manifest, inputs={}, files=files))
+
+
+def vacant(root: Path) -> list[str]:
+    """The derived artifacts that were removed and are to be made again. Raises DamagedData."""
+    return [
+        name
+        for name, artifact in ARTIFACTS.items()
+        if artifact.maker
+        and (made := read(root, name)) is not None
+        and not made.inputs
+        and made.files.keys() <= set(artifact.kept_files)
+    ]
+
+
 def entry_of(file: Path) -> FileEntry:
     """A file as it is now."""
     rows = parquet.footer(file).num_rows if file.suffix == ".parquet" else None

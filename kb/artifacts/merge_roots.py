@@ -20,9 +20,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
-import msgspec
-
-from kb.artifacts import domain_binding, score_files
+from kb.artifacts import domain_binding, purge, score_files
 from kb.artifacts.data_roots import is_root
 from kb.artifacts.table_catalog import existing
 from kb.core.context import Run
@@ -94,8 +92,7 @@ def _begin_purge(root: Path, source: str) -> bool:
     path = Layout(root).purge(source)
     if not keys or path.exists():
         return False
-    reasons = {row["key"]: row["reason"] for row in keys}
-    write_bytes(path, msgspec.json.encode(reasons, order="sorted"))
+    purge.note_keys(root, source, {row["key"]: row["reason"] for row in keys})
     return True
 
 

@@ -1,45 +1,44 @@
-"""Remove keys for good from every file of a data root, or count what that would remove.
+"""Removes keys for good from a data root, or counts what that would remove.
 
-A purge is a list of steps. Each step yields lines of what it removes; in a dry run, which is the
-plan, it only counts. What differs between sources is in their `PurgeRules`.
-
-    begin       the list of keys in state/, and tombstones, so that nothing comes back meanwhile
-    raw         answers, and what else a source stores of a key
+    find        what the user named, and what its service no longer shows
+    begin       the note of the purge in state/, and tombstones, so that nothing comes back
+    derived     everything that is made of the source goes at once, as a whole
+    answers     raw answers, and what else a source stores of a key
+    kept        rows of what can't be made again: restored rows, labels
     state       items of the frontier
-    index       removed; the next search builds it again
-    rows        clean tables, verdicts, pairs, links, restored rows
-    rest        scores, exports, releases and the report (pipelines/purge.py)
+    finish      the state is compacted and the note is removed
 
-Every step may be repeated. The list of keys stays until the last step is done, so a purge that was
-interrupted continues where it stopped.
+Then the graph makes the derived artifacts again (pipelines/purge.py): their manifests say how they
+were made and that nothing of them is left. Each step may be repeated, and the note stays until the
+last one is done, so the same command resumes an interrupted purge. What differs between sources is
+in their `PurgeRules`.
 """
 
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
 import msgspec
 
-from kb.artifacts import index as index_of
-from kb.artifacts import manifest, purge_raw
+from kb.artifacts import index, manifest, purge_raw
+from kb.artifacts.freshness import sources_of
+from kb.artifacts.manifest import Manifest
 from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, in_answers, warn
 from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absent, unseen
-from kb.artifacts.purge_raw import Matcher, Names, Strip
+from kb.artifacts.purge_raw import AnswerRules, Matcher, Names
 from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.store import lock
-from kb.store.artifact_registry import artifact_of
-from kb.store.atomic import write_bytes
+from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of
+from kb.store.atomic import remove_path, write_bytes
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import damaged_answers, rawlog
 from kb.store.rawlog.rawlog import Envelope
@@ -58,42 +57,54 @@ class PurgeLine(msgspec.Struct):
     count: int
 
 
+class PurgeNote(msgspec.Struct, forbid_unknown_fields=True):
+    """What an unfinished purge must not forget: the keys with their reasons, the manifests of what
+    was derived, and the text of files that are kept of it, by their path in the data root.
+    """
+
+    keys: dict[str, str]
+    manifests: dict[str, Manifest] = {}
+    files: dict[str, str] = {}
+
+
 def by_presence(purge: Purge) -> dict[str, str]:
     """Each key that the user named, with NAMED, KNOWN or UNKNOWN.
 
     A key is in the data root when the state, a table or a raw answer has it; the raw answers are
-    read for those that are neither in the state nor in a table.
+    read for those that are neither in the state nor in a table. A damaged table may hold any key.
     """
     keys, rules = purge.listed.keys if purge.listed else [], purge.rules
     before = tombstones.keys(purge.root, rules.source)
     sought = {key for key in keys if key not in before}
     sought -= {key for kind in rules.items for key in sought if purge.frontier.get(kind, key)}
-    sought -= keys_in_rows(purge.root, (*rules.rows, *released(rules.rows)), sought)
-    if sought:
-        about = (rules.source, sought, rules.texts, rules.strip_envelope, purge.scratch)
-        sought -= in_answers(purge.run, *about)
+    try:
+        sought -= keys_in_rows(purge.root, (*rules.rows, *released(rules.rows)), sought)
+        if sought:
+            about = (rules.source, sought, rules.answers.texts, rules.strip, purge.scratch)
+            sought -= in_answers(purge.run, *about)
+    except DamagedData:
+        sought = set()
     return {key: KNOWN if key in before else UNKNOWN if key in sought else NAMED for key in keys}
+
+
+def with_named(named: Mapping[str, str], others: Mapping[str, str]) -> dict[str, str]:
+    """Keys with their reasons. What the user named counts as named, and is never absent when it is
+    among the others as well.
+    """
+    return {**others, **{key: NAMED if key in others else why for key, why in named.items()}}
 
 
 @dataclass(frozen=True)
 class PurgeRules:
-    """What a purge has to know about a source; a source leaves out the parts that it does not have.
+    """What a purge has to know about a source.
 
     read_ids    reads a list of ids; raises SettingError where no entry names an item
-    look_up     each key that the list names, with NAMED, KNOWN or UNKNOWN (purge_named)
-    rows        where rows name keys
+    rows        where rows name keys, derived ones included
     items       kinds of the frontier whose items have the key of what is removed
-    exact       raw kinds with one answer per key, of which unreadable bytes of other keys may stay
-    find        what else is to be removed, and why; for a key that the user named, its reason wins
-    texts       texts of which one is in every answer with a key; None: any answer may have one
-    names       other names that leave the answers with the keys; also removes files and state that
-                can only be found while the answers are complete
-    strip       removes keys from an answer; by default as the schemas of the raw kinds say
-    repeats     ids of rows that repeat some of what the answer shows of a key
-    forget      removes from the frontier what `items` does not cover
-    repair      corrects rows that count or repeat rows which were removed
-    in_order    segments are written one after another, as `names` reads the last ones again
-    implied     the reason of keys that are only removed because another one is
+    answers     how keys leave raw answers
+    find        the keys to remove with the reason of each: those that the user named with NAMED,
+                KNOWN or UNKNOWN, and what else is gone or belongs to them
+    forget      removes from the state, and corrects in kept rows, what follows from removed keys
     people      how people are named and found whose content leaves as a whole
     """
 
@@ -101,23 +112,15 @@ class PurgeRules:
     read_ids: Callable[[Path, Callable[[str], None] | None], PurgeList]
     rows: tuple[RowLocation, ...]
     items: tuple[str, ...] = ()
-    exact: tuple[str, ...] = ()
-    look_up: Callable[[Purge], dict[str, str]] = by_presence
-    find: Callable[[Purge], dict[str, str]] | None = None
-    texts: Callable[[Collection[str]], Iterable[str] | None] = frozenset
-    names: Callable[[Purge], Names] | None = None
-    strip: Strip | None = None
-    repeats: Callable[[Envelope, Collection[str]], Iterable[str]] | None = None
+    answers: AnswerRules = field(default_factory=AnswerRules)
+    find: Callable[[Purge], dict[str, str]] = by_presence
     forget: Callable[[Purge], None] | None = None
-    repair: Callable[[Purge], None] | None = None
-    in_order: bool = False
-    implied: str = ""
     people: PeopleRules | None = None
 
-    def strip_envelope(self, kind: str, envelope: Envelope, names: Names) -> Envelope | None:
-        """The envelope without the names, as `Strip` describes."""
-        if self.strip is not None:
-            return self.strip(kind, envelope, names)
+    def strip(self, kind: str, envelope: Envelope, names: Names) -> Envelope | None:
+        """The envelope without the names, as `purge_raw.Strip` describes."""
+        if self.answers.strip is not None:
+            return self.answers.strip(kind, envelope, names)
         return purge_raw.strip_by_schema(self.source, kind, envelope, names)
 
 
@@ -152,111 +155,104 @@ class Purge:
 
     @property
     def keys_file(self) -> Path:
-        """The list of keys in state/; in a dry run a copy elsewhere."""
+        """The note in state/; in a dry run a copy elsewhere."""
         return (
             self.scratch / "keys.json" if self.dry else Layout(self.root).purge(self.rules.source)
         )
 
+    @property
+    def removed(self) -> set[str]:
+        """The keys of which the data root has something, or had before an interruption."""
+        return {key for key in self.keys if key not in self.absent}
+
     def find(self) -> None:
         """Find what is to be removed, with what an interrupted purge left."""
         # What an interrupted purge found out can't be found out again.
-        self.keys = left = unfinished(self.root, self.rules.source)
-        try:
-            named = self.rules.look_up(self)
-            if self.rules.people is not None:
-                named |= people(self, self.rules.people, self.asked)
-        except DamagedData:
-            # A damaged table may hold any of it. What was asked for is recorded all the same: the
-            # step that rewrites the table reports the damage, and until then no release is made.
-            named = dict.fromkeys(self.listed.keys if self.listed else (), NAMED)
-            if self.rules.people is not None and self.asked is not None:
-                named |= unseen(self, self.rules.people, self.asked)
-        named |= left
-        self.keys = {key: NAMED if why in ABSENT else why for key, why in named.items()}
-        more = self.rules.find(self) if self.rules.find else {}
-        self.absent = {k: why for k, why in named.items() if why in ABSENT and k not in more}
-        self.keys = more | self.keys
+        self.keys = left = unfinished(self.root, self.rules.source).keys
+        theirs: dict[str, str] = {}
+        if self.rules.people is not None:
+            try:
+                theirs = people(self, self.rules.people, self.asked)
+            except DamagedData:  # the table may hold any of it
+                theirs = unseen(self, self.rules.people, self.asked) if self.asked else {}
+        self.keys = left | theirs
+        found = self.rules.find(self) | theirs | left
+        self.absent = {key: why for key, why in found.items() if why in ABSENT}
+        self.keys = {key: NAMED if why in ABSENT else why for key, why in found.items()}
         say, absent = self.run.progress.say, self.absent
         if self.listed is not None:
             self.counts["bad_lines"] = self.listed.bad_lines
             warn(self.listed, {k: absent[k] for k in absent if not k.startswith(PERSON)}, say)
         if self.rules.people is not None and self.asked is not None:
-            theirs = {k: absent[k] for k in absent if k.startswith(PERSON)}
-            say_absent(self.rules.people, self.asked, theirs, say)
+            away = {k: absent[k] for k in absent if k.startswith(PERSON)}
+            say_absent(self.rules.people, self.asked, away, say)
 
     def begin(self) -> None:
-        """Write the list of keys, then their tombstones."""
+        """Write the note of the purge, then tombstones of its keys."""
         if self.dry or self.keys:
-            self.keys_file.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(
-                self.keys_file, msgspec.json.encode(self.keys | self.absent, order="sorted")
-            )
+            note = unfinished(self.root, self.rules.source)
+            note.keys = self.keys | self.absent
+            _write_note(self.keys_file, note)
         if self.keys and not self.dry:
             tombstones.add(self.root, self.rules.source, self.keys.items())
         if self.keys:
-            names = self.rules.names(self) if self.rules.names else {}
+            find_names = self.rules.answers.names
+            names = find_names(self) if find_names else {}
             self.names = {**names, **self.other_names}
 
     def summary(self) -> dict[str, int]:
-        """What became of each key that is removed for its own sake, and of the user's lists. People
-        are known or unknown; what was purged are items.
+        """What became of the keys that the user named, how many left with them (`also`), and the
+        lines that name nothing. People are known or unknown; what was purged are items.
         """
-        implied, became = self.rules.implied, Counter(self.absent.values())
-        own = {
-            key
-            for key, reason in self.keys.items()
-            if reason != implied and not key.startswith(PERSON)
-        }
+        became = Counter(self.absent.values())
+        items = [why for key, why in self.keys.items() if not key.startswith(PERSON)]
+        absent = sum(not key.startswith(PERSON) for key in self.absent)
         unread = self.listed.bad_lines if self.listed else 0
         return {
-            "purged": len(own - self.absent.keys()),
+            "purged": items.count(NAMED) - absent,
+            "also": len(items) - items.count(NAMED),
             "known": became[KNOWN],
             "unknown": became[UNKNOWN],
             "unread": unread + (len(self.asked.unread) if self.asked else 0),
         }
 
 
-def unfinished(root: Path, source: str) -> dict[str, str]:
-    """The list of an interrupted purge (key → reason), {} if there is none."""
+def unfinished(root: Path, source: str) -> PurgeNote:
+    """The note of an interrupted purge, an empty one if there is none. Raises DamagedData."""
     hint = f"delete it, then run `kb purge {source}` again"
-    return json_files.read(Layout(root).purge(source), dict[str, str], fix=hint) or {}
+    return json_files.read(Layout(root).purge(source), PurgeNote, fix=hint) or PurgeNote({})
+
+
+def note_keys(root: Path, source: str, keys: Mapping[str, str]) -> None:
+    """Note a purge of these keys (key → reason), which `kb purge` has yet to do."""
+    _write_note(Layout(root).purge(source), PurgeNote(dict(keys)))
+
+
+def _write_note(path: Path, note: PurgeNote) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, msgspec.json.encode(note, order="sorted"))
 
 
 def finish(root: Path, source: str) -> None:
-    """After the last step: compact the state and forget the list of keys.
+    """After the last step: say in manifests what was removed, compact the state and remove the
+    note.
 
     Raises WriterLocked, DiskFull, and DamagedData if some raw data could not be read: everything
     that could be read was purged.
     """
+    note = unfinished(root, source)
+    for name, text in note.files.items():
+        if not (root / name).exists():
+            write_bytes(root / name, text.encode())
+    for name, made in note.manifests.items():
+        if manifest.read(root, name) is None:
+            manifest.write_vacant(root, made)
     with lock.writer(root, source):
         frontier = Frontier(Layout(root).state(source))
         try:
             frontier.forget()
             Layout(root).purge(source).unlink(missing_ok=True)
-            # Parts of interrupted links have keys of all sources, whether there are links or not.
-            shutil.rmtree(Layout(root).linking, ignore_errors=True)
             damaged_answers.report(root, source, frontier)
-        finally:
-            frontier.close()
-
-
-@contextmanager
-def dry_purge(
-    run: Run, rules: PurgeRules, listed: PurgeList | None, asked: PeopleList | None = None
-) -> Iterator[Purge]:
-    """A dry purge on a copy of the source's state. Nothing below the data root is written."""
-    original = Layout(run.root).state(rules.source)
-    with tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch:
-        for file in (original, original.with_name(f"{original.name}-wal")):
-            if file.is_file():
-                shutil.copyfile(file, Path(scratch, file.name))
-        payloads = SOURCES[rules.source].connector(run).payloads
-        frontier = Frontier(Path(scratch, original.name), payloads=payloads)
-        try:
-            purge = Purge(run, rules, listed, frontier, Path(scratch, "work"), True, asked)
-            purge.find()
-            purge.begin()
-            yield purge
         finally:
             frontier.close()
 
@@ -276,7 +272,9 @@ def answers(purge: Purge) -> Iterator[PurgeLine]:
     work = (purge.rules, str(purge.keys_file), purge.names, purge.dry)
     todo = paths if purge.dry else purge_raw.uncommitted(purge.frontier, paths)
     tasks = ((str(path), *work) for path in todo)
-    done = purge_raw.over_segments(run, paths, strip_segment, tasks, in_order=purge.rules.in_order)
+    done = purge_raw.over_segments(
+        run, paths, strip_segment, tasks, in_order=purge.rules.answers.in_order
+    )
     for path, (count, repeats) in zip(paths, done, strict=True):
         changed[path.parent.name] += count
         purge.repeats.update(repeats)
@@ -296,9 +294,9 @@ def strip_segment(
     repeats: set[str] = set()
 
     def strip(envelope: Envelope) -> Envelope | None:
-        if rules.repeats:
-            repeats.update(rules.repeats(envelope, keys))
-        return rules.strip_envelope(path.parent.name, envelope, {**names, "": keys})
+        if rules.answers.repeats:
+            repeats.update(rules.answers.repeats(envelope, keys))
+        return rules.strip(path.parent.name, envelope, {**names, "": keys})
 
     with partition.without_collecting():
         changes = purge_raw.changed_frames(path, matches, strip)
@@ -320,40 +318,62 @@ def _keys(
 ) -> tuple[frozenset[str], Matcher]:
     if version is None:
         return frozenset(), purge_raw.Matcher(())
-    keys = frozenset(msgspec.json.decode(Path(file).read_bytes(), type=dict[str, str]))
-    texts = rules.texts(keys) if keys else ()
+    keys = frozenset(msgspec.json.decode(Path(file).read_bytes(), type=PurgeNote).keys)
+    texts = rules.answers.texts(keys) if keys else ()
     return keys, purge_raw.Matcher(texts if texts is None else {*texts, *others})
 
 
-def state(purge: Purge) -> Iterator[PurgeLine]:
-    """Items of the frontier, and unreadable bytes that may hold a key."""
-    if not purge.dry:
-        rules, frontier = purge.rules, purge.frontier
-        damaged_answers.remove_quarantined(
-            purge.root, rules.source, frontier, purge.keys, rules.exact
-        )
-        for kind in rules.items:
-            frontier.remove(kind, purge.keys)
-        if rules.forget:
-            rules.forget(purge)
-    return iter(())
+def derived(purge: Purge) -> Iterator[PurgeLine]:
+    """Everything that is made of the source goes as a whole; the rows that it has of the keys.
 
-
-def rows(purge: Purge) -> Iterator[PurgeLine]:
-    """Rows of tables; a dry run also counts those of releases, which are written again later."""
-    for location in purge.rules.rows if not purge.dry else ():
-        for work in (purge.root / location.folder).parent.glob(".work*"):
-            shutil.rmtree(work, ignore_errors=True)  # of an interrupted restore, which asks again
+    A dry run counts those of releases as well, which are copies of the others.
+    """
+    rules, root = purge.rules, purge.root
+    names = [
+        name
+        for name, artifact in ARTIFACTS.items()
+        if artifact.maker and rules.source in sources_of(name)
+    ]
+    locations = (*rules.rows, *(released(rules.rows) if purge.dry else ()))
+    with suppress(DamagedData):  # whatever a damaged table holds goes with it
+        for line in drop_rows(root, filter(_is_derived, locations), purge.keys, dry=True):
+            yield PurgeLine(*line)
     if purge.dry:
-        locations = *purge.rules.rows, *released(purge.rules.rows)
+        for name in names:
+            if not ARTIFACTS[name].tables and name != RELEASE:
+                yield count_files(root, ARTIFACTS[name])
+        return
+    note = unfinished(root, rules.source)
+    for name in names:
+        artifact = ARTIFACTS[name]
+        with suppress(DamagedData):  # then nobody knows how it was made
+            if (made := manifest.read(root, name)) is not None:
+                note.manifests[name] = manifest.without_files(made)
+        for file in artifact.kept_files:
+            if (path := artifact.folder(root) / file).is_file():
+                note.files[f"{name}/{file}"] = path.read_text(encoding="utf-8")
+    _write_note(purge.keys_file, note)
+    for name in names:
+        if ARTIFACTS[name].public and name in note.manifests:
+            manifest.write_vacant(root, note.manifests[name])
+        if name != RELEASE:  # what it wrote lies in the folders of the others
+            remove_path(ARTIFACTS[name].folder(root))
+    index.remove(root, rules.source)  # one in the user's cache as well
+
+
+def kept(purge: Purge) -> Iterator[PurgeLine]:
+    """Rows of tables that can't be made again."""
+    locations = [one for one in purge.rules.rows if not _is_derived(one)]
+    if purge.dry:
         yield from _rows(purge, locations)
         return
-    folders = (purge.root / location.folder / "rows" for location in purge.rules.rows)
-    artifacts = {match[1].name for folder in folders if (match := artifact_of(folder))}
-    with manifest.editing(purge.root, *sorted(artifacts)):
-        yield from _rows(purge, purge.rules.rows)
-        if purge.rules.repair:
-            purge.rules.repair(purge)
+    folders = [purge.root / location.folder for location in locations]
+    for folder in folders:
+        for work in folder.parent.glob(".work*"):
+            shutil.rmtree(work, ignore_errors=True)  # of an interrupted restore, which asks again
+    names = {match[1].name for folder in folders if (match := artifact_of(folder / "rows"))}
+    with manifest.editing(purge.root, *sorted(names)):
+        yield from _rows(purge, locations)
 
 
 def _rows(purge: Purge, locations: Iterable[RowLocation]) -> Iterator[PurgeLine]:
@@ -361,27 +381,25 @@ def _rows(purge: Purge, locations: Iterable[RowLocation]) -> Iterator[PurgeLine]
     return (PurgeLine(*line) for line in lines)
 
 
-def index(purge: Purge) -> Iterator[PurgeLine]:
-    """The index of `kb search`."""
-    folder = Layout(purge.root).index(purge.rules.source)
-    yield from count_files(purge.root, folder, "files, built again by the next search")
-    if not purge.dry:
-        index_of.remove(purge.root, purge.rules.source)
+def _is_derived(location: RowLocation) -> bool:
+    match = artifact_of(Path(location.folder, "rows"))
+    return match is None or match[1].maker is not None
 
 
-def exports(purge: Purge) -> Iterator[PurgeLine]:
-    """What a dry run says of the folders that are written again as a whole."""
-    at = Layout(purge.root)
-    for folder in (at.export(), at.report) if purge.dry else ():
-        yield from count_files(
-            purge.root, folder, "files, written again if they come from this source"
-        )
+def state(purge: Purge) -> None:
+    """Items of the frontier, and bytes that nobody can read and that may hold a key."""
+    damaged_answers.remove_quarantined(purge.root, purge.rules.source)
+    for kind in purge.rules.items:
+        purge.frontier.remove(kind, purge.keys)
+    if purge.rules.forget:
+        purge.rules.forget(purge)
 
 
-def count_files(root: Path, folder: Path, what: str) -> Iterator[PurgeLine]:
-    """A line for a folder that has files."""
-    count = sum(1 for _ in files_below(folder, root, strict=False))
-    yield PurgeLine(str(folder.relative_to(root)), what, count)
+def count_files(root: Path, artifact: Artifact) -> PurgeLine:
+    """A line for an artifact without tables, whose files are made again."""
+    folder = artifact.folder(root)
+    files = [folder] if folder.is_file() else files_below(folder, root, strict=False)
+    return PurgeLine(artifact.name, "files, made again", sum(1 for _ in files))
 
 
 def plan_summary(purge: Purge, lines: Iterable[PurgeLine]) -> Summary:

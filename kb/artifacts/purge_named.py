@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from kb.artifacts.purge_raw import Matcher, Strip, over_segments
+from kb.artifacts.purge_raw import Matcher, Strip, Texts, over_segments
 from kb.core.context import Run
 from kb.store.rawlog import rawlog
-
-Texts = Callable[[Collection[str]], Iterable[str] | None]
 
 NAMED = "named"  # is or was in the data root until this purge
 KNOWN = "known"  # was purged before

@@ -5,6 +5,7 @@ that may hold a key are found by searching their bytes; only these are decoded.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,9 @@ Strip = Callable[[str, Envelope, Names], "Envelope | None"]
 
 The same object if it has none of them, None if nothing is left.
 """
+
+Texts = Callable[[Collection[str]], Iterable[str] | None]
+"""keys → texts of which one is in every answer with a key; None: any answer may have one."""
 
 _ESCAPED = b"\\u"
 _PARALLEL = 64 << 20  # bytes of segments that are worth worker processes, which take a second
@@ -88,6 +92,28 @@ def strip_by_schema(source: str, kind: str, envelope: Envelope, names: Names) ->
     return msgspec.structs.replace(
         envelope, request=Request(request.endpoint, params), response=answer
     )
+
+
+@dataclass(frozen=True)
+class AnswerRules:
+    """How keys leave the raw answers of a source.
+
+    texts     where to look for them
+    names     of a purge under way, other names that leave the answers with its keys; also removes
+              files and state that can only be found while the answers are complete
+    strip     removes keys from an answer; None: as the schemas of the raw kinds say
+    repeats   ids of rows that repeat some of what the answer shows of a key
+    """
+
+    texts: Texts = frozenset
+    names: Callable[[Any], Names] | None = None
+    strip: Strip | None = None
+    repeats: Callable[[Envelope, Collection[str]], Iterable[str]] | None = None
+
+    @property
+    def in_order(self) -> bool:
+        """Whether segments are written one after another, as `names` reads the last ones again."""
+        return self.names is not None
 
 
 def changed_frames(

@@ -42,7 +42,6 @@ class Run:
     again: bool = False
     engine: str = "local"
     scheduler: str | None = None
-    pipeline: str | None = None
     progress: Progress = field(default_factory=Progress)
 
     def processes(self, size: int) -> int:

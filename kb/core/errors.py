@@ -33,7 +33,9 @@ KbError                     exit  what follows
     └── Postponed                 may go well later in this run, after the other items
 """
 
+from collections.abc import Iterable
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 
@@ -99,7 +101,13 @@ class SchemaMismatch(FatalError):
 
 
 class DamagedData(FatalError):
-    """A file under the data root can't be read."""
+    """A file under the data root can't be read. `paths` are raw segments or captured files, where
+    it is about some of those.
+    """
+
+    def __init__(self, message: str, *, hint: str = "", paths: Iterable[Path] = ()) -> None:
+        super().__init__(message, hint=hint)
+        self.paths = tuple(paths)
 
 
 class NothingRead(FatalError):
@@ -111,7 +119,11 @@ class NothingKept(FatalError):
 
 
 class ReleaseRefused(FatalError):
-    """The release gate found something that may not be published."""
+    """The release gate found something that may not be published: `problems`, a line each."""
+
+    def __init__(self, message: str, *, hint: str = "", problems: Iterable[str] = ()) -> None:
+        super().__init__(message, hint=hint)
+        self.problems = list(problems)
 
 
 class Stopped(KbError):

@@ -138,6 +138,14 @@ def cache_root() -> Path:
     return Path(base).absolute() / "lorecrawl"
 
 
+def state_root() -> Path:
+    """Where this user's Lorecrawl notes what no data root may say. Raises RuntimeError without a
+    home.
+    """
+    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    return Path(base).absolute() / "lorecrawl"
+
+
 @contextlib.contextmanager
 def making(folder: Path, is_complete: Callable[[], bool]) -> Iterator[Path]:
     """A fresh folder that becomes `folder` when the block ends well.

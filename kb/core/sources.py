@@ -30,15 +30,3 @@ BY_DEFAULT = tuple(name for name in PUBLISHED if not PUBLISHED[name].part_of)
 def made_of(name: str) -> tuple[str, ...]:
     """The sources whose rows are behind what is published under that name."""
     return MADE_OF.get(name, (name,))
-
-
-def made_by(name: str) -> str:
-    """The command that makes the tables of what is published."""
-    owner = PUBLISHED[name].part_of or name
-    return f"kb {owner} filter" if owner in SOURCES else f"kb {owner}"
-
-
-def exported_by(name: str) -> str:
-    """The command that makes its release folder."""
-    owner = PUBLISHED[name].part_of or name
-    return f"kb {owner} export" if owner in SOURCES else f"kb {owner}"

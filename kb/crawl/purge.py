@@ -1,8 +1,14 @@
 """The first part of a purge, which needs a source's raw answers and state under its lock."""
 
+import shutil
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 from kb.artifacts import purge as steps
 from kb.artifacts import purge_raw
-from kb.artifacts.purge import Purge, PurgeRules
+from kb.artifacts.purge import Purge, PurgeLine, PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
 from kb.artifacts.purge_rows import location_of, shared_locations
@@ -10,16 +16,22 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.source import Source
 from kb.core.sources import SOURCES
+from kb.crawl.connector import Opened
 from kb.crawl.id_list import IdRules, ListedId
 from kb.crawl.session import open_session
 from kb.schema.tables import table
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.recorder import replay_segment
+from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier
 
 
-def purge_answers(
+def remove_keys(
     run: Run, rules: PurgeRules, listed: PurgeList | None, asked: PeopleList | None = None
-) -> Purge:
-    """Take keys out of raw answers and the state; the purge, whose other steps come next.
+) -> tuple[Purge, list[PurgeLine]]:
+    """Remove what is made of the source, then the keys from raw answers, kept rows and the state;
+    the purge, and the rows that went.
 
     Damaged raw data is set aside; `steps.finish` reports it. Raises WriterLocked, DiskFull,
     Interrupted.
@@ -36,10 +48,41 @@ def purge_answers(
             session.recorder.check_all_segments()
         purge.find()
         purge.begin()
+        removed: list[PurgeLine] = []
         if purge.keys:
+            removed += steps.derived(purge) if purge.removed else ()
             list(steps.answers(purge))
-            list(steps.state(purge))
-        return purge
+            removed += steps.kept(purge)
+            steps.state(purge)
+        return purge, removed
+
+
+@contextmanager
+def dry_purge(
+    run: Run, rules: PurgeRules, listed: PurgeList | None, asked: PeopleList | None = None
+) -> Iterator[Purge]:
+    """A dry purge on a copy of the source's state that has taken in all raw answers. Nothing below
+    the data root is written.
+    """
+    original = Layout(run.root).state(rules.source)
+    connector = SOURCES[rules.source].connector(run)
+    with ExitStack() as stack:
+        scratch = Path(stack.enter_context(TemporaryDirectory(prefix="lorecrawl-plan-")))
+        for file in (original, original.with_name(f"{original.name}-wal")):
+            if file.is_file():
+                shutil.copyfile(file, scratch / file.name)
+        frontier = Frontier(scratch / original.name, payloads=connector.payloads)
+        stack.callback(frontier.close)
+        removed = tombstones.keys(run.root, rules.source)
+        connector.begin(Opened(run=run, frontier=frontier, purged=removed))
+        stack.callback(connector.close)
+        for segment in rawlog.all_segments(run.root, rules.source):
+            with suppress(DamagedData):  # which the purge sets aside
+                replay_segment(segment, frontier, connector.reduce)
+        purge = Purge(run, rules, listed, frontier, scratch / "work", True, asked)
+        purge.find()
+        purge.begin()
+        yield purge
 
 
 def _as_text(entry: ListedId) -> str | None:

@@ -17,9 +17,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
-from kb.core.config import pipeline
+from kb.core.config.pipeline import recipe_of
 from kb.core.config.profile import Profile
-from kb.core.errors import UsageError
+from kb.core.errors import SettingError, UsageError
 from kb.core.sources import SOURCES
 from kb.explore.histogram import Histogram, draw, edges_of
 from kb.explore.tables import CurrentTables
@@ -224,16 +224,21 @@ class StageOfTable(NamedTuple):
     @property
     def group(self) -> str:
         """The column by which changes are counted: the channel of videos, the type of posts."""
-        named = [name for name in ("channel_title", "type") if name in self.chain.described_by]
+        named = [name for name in ("channel_title", "type") if name in self.chain.described.columns]
         return named[0] if named else ""
 
 
 def stages_of(tables: CurrentTables, profile: Profile) -> Iterator[StageOfTable]:
-    """The stages of the shipped pipelines whose columns the tables have. Raises DamagedData."""
+    """The stages whose columns the tables have; none of a recipe that may not run. Raises
+    DamagedData.
+    """
     for source in SOURCES:
         if getattr(profile, source, None) is None:
             continue
-        clean = pipeline.load(str(pipeline.locate(source))).clean(profile)
+        try:
+            clean = recipe_of(profile, source).defined("clean")(profile)
+        except SettingError:
+            continue
         following = tuple(one.table.partition("/")[2] for one in clean.chains if one.relate)
         for chain in clean.chains:
             table = chain.table.partition("/")[2]

@@ -14,9 +14,8 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.store.artifact_registry import ARTIFACTS
-from kb.store.atomic import remove_folder
+from kb.store.atomic import remove_path
 from kb.store.layout import Layout
-from kb.store.lock import writer
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 from kb.store.tables.shard_writer import write_sorted
@@ -34,10 +33,9 @@ def export(run: Run) -> Summary:
     """Writes the folder, or removes it where the profile does not ask for it or there is nothing to
     write. Videos without what credit needs are left out and counted as `uncredited`.
 
-    The same clean rows give the same bytes. Raises DamagedData, DiskFull, WriterLocked.
+    The same clean rows give the same bytes. Raises DamagedData, DiskFull.
     """
-    with writer(run.root, "release-open-text"):
-        return _export(run) if run.profile.release.open_text else _remove(run)
+    return _export(run) if run.profile.release.open_text else _remove(run)
 
 
 def _export(run: Run) -> Summary:
@@ -93,7 +91,7 @@ def _remove(run: Run) -> Summary:
     """Nothing that an earlier export wrote stays."""
     folder = Layout(run.root).release("open-text")
     if folder.exists():
-        remove_folder(folder)
+        remove_path(folder)
         run.progress.say(f"{NAME} was removed: the profile does not ask for it, or it has no rows")
     ARTIFACTS[NAME].manifest(run.root).unlink(missing_ok=True)
     return Summary(open_text=0)

@@ -42,18 +42,34 @@ class Scorer(Protocol):
         """The categories' scores of each text, float32, null for empty texts. Runs in workers."""
 
 
+class PurgeKeys(NamedTuple):
+    """How tombstones name rows besides by their key: by what is in one of the columns `also` (a
+    page's title), or as those of a person, who stands in the column `person`; the tombstone has
+    `stands_for` of its value.
+    """
+
+    also: tuple[str, ...] = ()
+    person: str = ""
+    stands_for: Callable[[str], str] = str
+
+
+class Description(NamedTuple):
+    """What readers of shared/rejected see of a row: columns of that table → columns of the rows;
+    not its words where the column `gone` says that they were taken down.
+    """
+
+    columns: Mapping[str, str] = {}
+    gone: str = ""
+
+
 @dataclass(frozen=True)
 class Chain:
     """The stages of one table, in order.
 
     `prefix` comes before the key in rejected, failed and pending ("t3_"). `scores` maps a text
     column to the column of its largest toxicity category, and they are joined before the stage
-    SCORED. `helpers` are columns that stages use and no table has. A tombstone names the
-    key, or what is in one of the columns `also` (a page's title). The column `person` says whose a
-    row is, and `stands_for` what a person's tombstone has in place of its value. `relate` gets the
-    rows and the tables that were kept before, and adds what depends on these (comments need their
-    posts). `described_by` maps columns of shared/rejected to columns of the rows, so that readers
-    see what was dropped; not its words where the column `gone` says that they were taken down.
+    SCORED. `helpers` are columns that stages use and no table has. `relate` gets the rows and the
+    tables that were kept before, and adds what depends on these (comments need their posts).
     """
 
     table: str
@@ -62,12 +78,9 @@ class Chain:
     prefix: str = ""
     scores: Mapping[str, str] = field(default_factory=dict)
     helpers: tuple[str, ...] = ()
-    also: tuple[str, ...] = ()
-    person: str = ""
-    stands_for: Callable[[str], str] = str
     relate: Callable[[pa.Table, Mapping[str, pa.Table]], pa.Table] | None = None
-    described_by: Mapping[str, str] = field(default_factory=dict)
-    gone: str = ""
+    purged: PurgeKeys = field(default_factory=PurgeKeys)
+    described: Description = field(default_factory=Description)
 
 
 @dataclass(frozen=True)
@@ -93,30 +106,42 @@ class SideFiles(NamedTuple):
     size: Callable[[Path], int]
 
 
+class RawRows(NamedTuple):
+    """How raw answers become rows of the clean tables: `kinds` are decoded, and `assemble` takes
+    the newest rows of each kind (of one bucket) and returns rows by table name.
+    """
+
+    kinds: Mapping[str, RawKind]
+    assemble: Callable[[dict[str, pa.Table]], dict[str, pa.Table]]
+    side_files: SideFiles | None = None
+
+
+class GivenUp(NamedTuple):
+    """What a crawl gave up on: `keys` of the data root without a row, with the reason, count as
+    failed, and so does such a key that is pending for one of the reasons `ends`.
+    """
+
+    keys: Callable[[Path], Iterable[tuple[str, str]]]
+    ends: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class Clean:
     """Raw answers → clean tables of one source.
 
-    `assemble` takes the newest rows of each kind (of one bucket) and returns rows by table name.
-    `unanswered` yields keys without a row, with the reason: they count as failed, and so does
-    such a key that is pending for one of the reasons `ended_by_failure`. `complete` gets the kept
-    tables of a bucket, and adds columns that depend on what else was kept (the number of comments
-    of a post) or that only kept rows need. `about` adds figures of the data root to the summary,
-    `figures` those of the new clean tables.
+    `complete` gets the kept tables of a bucket, and adds columns that depend on what else was kept
+    (the number of comments of a post) or that only kept rows need. `figures` gets the data root and
+    the folder of the new clean tables, and adds figures to the summary.
     """
 
     source: str
-    kinds: Mapping[str, RawKind]
-    assemble: Callable[[dict[str, pa.Table]], dict[str, pa.Table]]
+    raw: RawRows
     chains: tuple[Chain, ...]
     follow: tuple[Follow, ...] = ()
     scorer: Scorer | None = None
-    unanswered: Callable[[Path], Iterable[tuple[str, str]]] | None = None
-    ended_by_failure: tuple[str, ...] = ()
-    side_files: SideFiles | None = None
+    given_up: GivenUp | None = None
     complete: Callable[[dict[str, pa.Table]], dict[str, pa.Table]] | None = None
-    about: Callable[[Path], dict[str, Any]] | None = None
-    figures: Callable[[Path], dict[str, Any]] | None = None
+    figures: Callable[[Path, Path], Mapping[str, Any]] | None = None
 
 
 class Judged(NamedTuple):
@@ -214,9 +239,10 @@ def _description(rows: pa.Table, chain: Chain) -> dict[str, pa.Array[Any]]:
     """What readers of shared/rejected see of the rows."""
     nulls: pa.Array[Any] = pa.nulls(rows.num_rows, pa.string())
     described: dict[str, pa.Array[Any]] = {}
-    gone = pc.is_valid(column(rows, chain.gone)) if chain.gone else None
+    columns, withheld = chain.described
+    gone = pc.is_valid(column(rows, withheld)) if withheld else None
     for name in _DESCRIPTION:
-        source = chain.described_by.get(name, "")
+        source = columns.get(name, "")
         if source not in rows.column_names:
             described[name] = nulls
             continue

@@ -6,7 +6,7 @@ pending.
     judge    a task per bucket: newest rows joined, judged by stages in order, written
 
 The steps of a task are in kb.filters.tasks. Workers get paths and names only, and of a
-user's own pipeline its text. clean/<source> is replaced in one step after the counts were checked.
+user's own recipe its text. clean/<source> is replaced in one step after the counts were checked.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts import domain_binding, freshness, index, manifest
-from kb.core.config import pipeline
+from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.engine import Workers, executor_of, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError, NothingKept
 from kb.core.summary import Summary, Tally, vocabulary
-from kb.filters.chain import Clean
+from kb.filters.chain import Clean, GivenUp
 from kb.filters.tasks import (
     FilterJob,
     collect_texts,
@@ -51,14 +51,15 @@ from kb.store.tables.shard_writer import write_table
 _WHY = {"rejected": ("stage", "reason"), "failed": ("reason",)}  # columns that explain a verdict
 
 
-def run_clean(run: Run, source: str) -> Summary:
-    """Filter a source's raw answers. Returns the tally, counts by stage, and anomalies.
+def run_clean(run: Run, source: str, recipe: str = "") -> Summary:
+    """Filter a source's raw answers, by the recipe of that name instead of the source's own.
+    Returns the tally, counts by stage, and anomalies.
 
     Raises FatalError without raw data, CountMismatch, WriterLocked, DiskFull, and what the scorer
     raises without its model.
     """
     run.profile.section(source)
-    job = _job(run, source)
+    job = _job(run, source, recipe)
     spec = spec_of(job)
     key = spec.scorer.check(run, source) if spec.scorer is not None else ""
     _segments(run.root, spec)  # without any, nothing is written
@@ -86,11 +87,16 @@ def run_clean(run: Run, source: str) -> Summary:
                 _check_rows(spec, decoded, counts)
                 counts.update(_add_what_no_bucket_has(job, spec))
                 summary = _summary(spec, fresh, decoded.unknown, counts, key)
-                summary |= spec.about(run.root) if spec.about is not None else {}
-                summary |= spec.figures(fresh) if spec.figures is not None else {}
+                summary |= spec.figures(run.root, fresh) if spec.figures is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
         index.remove_stale(run.root, source)
     return summary
+
+
+def check_scorer(run: Run, source: str) -> None:
+    """Raises UsageError where the texts of a source can't be scored."""
+    if (scorer := spec_of(_job(run, source)).scorer) is not None:
+        scorer.check(run, source)
 
 
 def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
@@ -101,13 +107,13 @@ def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
         yield from _texts(run, decoded)
 
 
-def check_kept(run: Run, source: str, summary: Summary) -> None:
-    """Raises NothingKept (with `summary`) when every row failed or was rejected.
+def check_kept(run: Run, source: str, summary: Summary) -> Summary:
+    """The summary. Raises NothingKept, which has it, when every row failed or was rejected.
 
     Rows that wait for the crawl may still be kept.
     """
     if summary["kept"] or summary["pending"] or not summary["crawled"]:
-        return
+        return summary
     counts: Counter[tuple[str, str]] = Counter()
     for verdict, columns in _WHY.items():
         for path in parquet_files(Layout(run.root).clean(source) / verdict):
@@ -128,9 +134,9 @@ def check_kept(run: Run, source: str, summary: Summary) -> None:
     raise error
 
 
-def _job(run: Run, source: str) -> FilterJob:
+def _job(run: Run, source: str, recipe: str = "") -> FilterJob:
     return FilterJob(
-        pipeline=pipeline.packed(source, run.pipeline),
+        recipe=recipe_of(run.profile, recipe or source),
         profile=run.profile.model_dump_json(),
         profile_path=str(run.profile.path),
         source=source,
@@ -156,7 +162,7 @@ class _Decoded(NamedTuple):
 
     def bucketed(self, kind: str) -> bool:
         """Whether its rows are spread; others are read by every bucket."""
-        return bool(spec_of(self.job).kinds[kind].bucket)
+        return bool(spec_of(self.job).raw.kinds[kind].bucket)
 
 
 @contextmanager
@@ -165,7 +171,7 @@ def _decoded(run: Run, job: FilterJob) -> Iterator[_Decoded]:
     spec = spec_of(job)
     segments = _segments(run.root, spec)
     size = sum(path.stat().st_size for _, path in segments)
-    size += spec.side_files.size(run.root) if spec.side_files is not None else 0
+    size += spec.raw.side_files.size(run.root) if spec.raw.side_files is not None else 0
     work = Layout(run.root).filtering(job.source)
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
@@ -179,9 +185,9 @@ def _decoded(run: Run, job: FilterJob) -> Iterator[_Decoded]:
 
 def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
     segments = [
-        (kind, path) for kind in spec.kinds for path in rawlog.segments(root, spec.source, kind)
+        (kind, path) for kind in spec.raw.kinds for path in rawlog.segments(root, spec.source, kind)
     ]
-    if not any(spec.kinds[kind].bucket for kind, _ in segments):
+    if not any(spec.raw.kinds[kind].bucket for kind, _ in segments):
         raise FatalError(
             f"nothing to filter: {Layout(root).raw(spec.source)} is empty",
             hint=f"run `kb {spec.source} crawl` first",
@@ -217,8 +223,8 @@ def _decode(
         if damaged:
             first, at = damaged[0]
             more = f" (and {len(damaged) - 1:,} more files)" if len(damaged) > 1 else ""
-            error = DamagedData(f"{first} is damaged at byte {at:,}{more}")
-            error.paths = [path for path, _ in damaged]  # type: ignore[attr-defined]
+            paths = [path for path, _ in damaged]
+            error = DamagedData(f"{first} is damaged at byte {at:,}{more}", paths=paths)
             error.summary = Summary(source=job.source, truncated_files=len(damaged))
             raise error
     except DamagedData as error:
@@ -244,8 +250,8 @@ def _add_what_no_bucket_has(job: FilterJob, spec: Clean) -> Counter[str]:
     readers find every table.
     """
     out, counts = Path(job.out), Counter[str]()
-    if spec.unanswered is not None:
-        counts = _fail_unanswered(job, spec, dict(spec.unanswered(Path(job.root))))
+    if spec.given_up is not None:
+        counts = _fail_unanswered(job, spec, spec.given_up)
     tables = [chain.table for chain in spec.chains] + [follow.table for follow in spec.follow]
     for name in (*tables, *(f"shared/{verdict}" for verdict in VERDICTS)):
         declared = table(name)
@@ -257,13 +263,14 @@ def _add_what_no_bucket_has(job: FilterJob, spec: Clean) -> Counter[str]:
     return counts
 
 
-def _fail_unanswered(job: FilterJob, spec: Clean, lost: dict[str, str]) -> Counter[str]:
-    """Count the keys in `lost` (key → reason), which the crawl gave up on, as failed unless they
-    have a row. Pending rows that wait for such a key no longer wait.
+def _fail_unanswered(job: FilterJob, spec: Clean, given_up: GivenUp) -> Counter[str]:
+    """Count the keys that the crawl gave up on as failed unless they have a row. Pending rows that
+    wait for such a key no longer wait.
     """
+    lost = dict(given_up.keys(Path(job.root)))
     if not lost:
         return Counter()
-    waited = _end_pending(Path(job.out, "pending"), spec.ended_by_failure, lost)
+    waited = _end_pending(Path(job.out, "pending"), given_up.ends, lost)
     places = [(chain.table, chain.key, chain.prefix) for chain in spec.chains]
     places += [(f"shared/{verdict}", "key", "") for verdict in VERDICTS]
     for name, column, prefix in places:

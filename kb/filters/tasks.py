@@ -9,7 +9,7 @@
 
 `collect_texts` does `latest`, `join` and a part of `judge_chain` before, to find the texts that
 need a toxicity score. A task is a `FilterJob` and the name of a segment or the number of a bucket;
-the pipeline is made of its name or text. No function holds more than a bucket.
+the recipe is made of its name or text. No function holds more than a bucket.
 """
 
 import json
@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config import pipeline
+from kb.core.config.pipeline import Recipe
 from kb.core.config.profile import Profile
 from kb.core.errors import FatalError
 from kb.filters.chain import Chain, Clean, Judged, declared_columns, judge_chain
@@ -37,9 +37,9 @@ from kb.store.tables.shard_writer import write_table
 
 
 class FilterJob(NamedTuple):
-    """What a worker needs to know, as plain strings and numbers. `pipeline` is packed."""
+    """What a worker needs to know, as plain strings and numbers."""
 
-    pipeline: tuple[str, str]
+    recipe: Recipe
     profile: str
     profile_path: str
     source: str
@@ -52,23 +52,24 @@ class FilterJob(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _pipeline_spec(packed: tuple[str, str], profile: str, profile_path: str, source: str) -> Clean:
+def _recipe_spec(recipe: Recipe, profile: str, profile_path: str, source: str) -> Clean:
     made = Profile.model_validate({**json.loads(profile), "path": profile_path})
-    spec = pipeline.unpack(*packed).clean(made)
+    spec = recipe.defined("clean")(made)
     if not isinstance(spec, Clean) or spec.source != source:
-        raise FatalError(f"{packed[0]}: clean(p) must return the Clean of {source}")
+        where = recipe.path or recipe.name
+        raise FatalError(f"{where}: clean(p) must return the Clean of {source}")
     return spec
 
 
 def spec_of(job: FilterJob) -> Clean:
-    return _pipeline_spec(job.pipeline, job.profile, job.profile_path, job.source)
+    return _recipe_spec(job.recipe, job.profile, job.profile_path, job.source)
 
 
 def decode_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict[str, Any]:
     """Decode a raw segment and partition its rows; counts and damage as in `partition.spread`."""
     with full_disk_is_resumable(Path(job.work)):
         return partition.spread(
-            spec_of(job).kinds[kind],
+            spec_of(job).raw.kinds[kind],
             f"{job.source}/{kind}",
             Path(segment),
             number,
@@ -146,7 +147,7 @@ def latest(
     """
     counts: Counter[str] = Counter()
     newest: dict[str, pa.Table] = {}
-    for kind, about in spec.kinds.items():
+    for kind, about in spec.raw.kinds.items():
         wanted = None
         if about.named_by[0]:
             namer = newest.get(about.named_by[0])
@@ -177,15 +178,15 @@ def join(
     newest, counts = latest(job, spec, number, decoded)
     if not newest:
         return {}, counts
-    rows = spec.assemble(newest)
+    rows = spec.raw.assemble(newest)
     purged = purged_keys(job.root, job.source, job.tombstones)
     people = _people(job.root, job.source, job.tombstones)
     for chain in spec.chains:
         if chain.table in rows:
             own = _without_purged(rows[chain.table], chain, purged)
             rows[chain.table] = _without_people(own, chain, people)
-    if spec.side_files is not None:
-        rows = spec.side_files.read(Path(job.root), rows, follows)
+    if spec.raw.side_files is not None:
+        rows = spec.raw.side_files.read(Path(job.root), rows, follows)
     return rows, counts
 
 
@@ -224,17 +225,19 @@ def _without_purged(rows: pa.Table, chain: Chain, purged: frozenset[str]) -> pa.
         [key.removeprefix(chain.prefix) for key in purged if key.startswith(chain.prefix)],
         pa.string(),
     )
-    for name in (chain.key, *chain.also):
+    for name in (chain.key, *chain.purged.also):
         rows = rows.filter(pc.invert(pc.is_in(rows.column(name).cast(pa.string()), bare)))
     return rows
 
 
 def _without_people(rows: pa.Table, chain: Chain, people: frozenset[str]) -> pa.Table:
-    if not people or not chain.person:
+    if not people or not chain.purged.person:
         return rows
-    column = rows.column(chain.person).cast(pa.string())
+    column = rows.column(chain.purged.person).cast(pa.string())
     theirs = [
-        one for one in pc.unique(column).drop_null().to_pylist() if chain.stands_for(one) in people
+        one
+        for one in pc.unique(column).drop_null().to_pylist()
+        if chain.purged.stands_for(one) in people
     ]
     return rows.filter(pc.invert(pc.is_in(column, value_set=pa.array(theirs, pa.string()))))
 

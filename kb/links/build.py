@@ -1,8 +1,7 @@
 """Every text of clean/ → links/entities-*.parquet and links/links-*.parquet.
 
 A part is a file of a clean table. The parts are merged into globally sorted files, which therefore
-don't depend on workers or the engine. Rows of a source whose texts, keywords and names have not
-changed are copied from the tables as they are.
+don't depend on workers or the engine.
 
 Each entity has the wiki page with its title, else one whose redirect names it. Titles and redirects
 are compared whole, folded as keywords are (case, punctuation, spaces). Of several pages that one
@@ -13,7 +12,6 @@ written as the entity is, then the smallest id.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -24,9 +22,15 @@ from typing import Any, NamedTuple, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import manifest, texts
-from kb.artifacts.manifest import Build
-from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_part
+from kb.artifacts import domain_binding, manifest, texts
+from kb.artifacts.parted_build import (
+    Part,
+    PartedBuild,
+    is_current,
+    parted_build,
+    read_plan,
+    write_part,
+)
 from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError
@@ -38,12 +42,10 @@ from kb.pairs.extract import PairCounts, matches
 from kb.pairs.keywords import EXCLUDED, Keywords
 from kb.pairs.matching import phrase
 from kb.schema.wiki_page import PageNames
-from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout, parquet_files
-from kb.store.lock import writer
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
-from kb.store.tables.shard_writer import ShardWriter, sorted_shards, write_table
+from kb.store.tables.shard_writer import sorted_shards, write_table
 
 _PAGES = "wiki/pages"
 
@@ -61,40 +63,22 @@ def build(run: Run, names: Callable[[], Mapping[str, PageNames]]) -> Summary:
     clean tables, Interrupted, WriterLocked, DamagedData, DiskFull.
     """
     keywords = check(run)
-    with writer(Catalog(run.root.absolute()).workplace, "links"):
+    with domain_binding.writing(run, "links"):
         files, inputs = texts.files(run.root, "links"), texts.inputs(run.root, "links")
         called = names() if _PAGES in files else {}
-        plan = {
-            "rules": ARTIFACTS["links"].rules,
-            "keywords": lists.plain(keywords),
-            "names": sorted(called.items()),
-        }
-        parted = PartedBuild(run, "links", inputs, plan)
-        if parted.is_current():
+        if is_current(run, "links"):
             run.progress.say("links are up to date")
-            return _summary(parted.root)
-        parted.begin()
+            return _summary(run.root)
         own = own_pages(keywords, _titles(files.get(_PAGES, [])), called)
-        marks = _marks(inputs, plan)
-        known = parted.known()
-        before = known.figures.get("marks", {}) if known is not None else {}
-        same = [source for source in marks if before.get(source) == marks[source]]
-        if same:
-            _copy(parted, same)
-        todo = [
-            (table, path)
-            for table, paths in files.items()
-            for path in paths
-            if table.partition("/")[0] not in same
-        ]
-        made = [Part(f"{_stem(table)}.{path.stem}", (str(path), table)) for table, path in todo]
-        parted.make(made, make_part, "files", [path for _, path in todo])
-        if any(table == _PAGES for table, _ in todo):
-            _title_rows(parted.folder, keywords, own)
-        with parted.finish() as fresh:
-            _finish(parted, fresh, keywords, own)
-            fresh.figures["marks"] = marks
-    return _summary(parted.root)
+        paths = [(table, path) for table, paths in files.items() for path in paths]
+        parts = [Part(f"{_stem(table)}.{path.stem}", (str(path), table)) for table, path in paths]
+        plan = {"keywords": lists.plain(keywords)}
+        with parted_build(run, "links", inputs, plan) as parted:
+            parted.make(parts, make_part, "files", [path for _, path in paths])
+            if _PAGES in files:
+                _title_rows(parted.folder, keywords, own)
+            _finish(parted, keywords, own)
+    return _summary(run.root)
 
 
 def check(run: Run) -> Keywords:
@@ -108,48 +92,22 @@ def check(run: Run) -> Keywords:
     return keywords
 
 
-def _marks(inputs: Mapping[str, str], plan: Mapping[str, Any]) -> dict[str, str]:
-    """A digest of everything that decides the rows of each source."""
-    marks = {}
-    for name, digest in inputs.items():
-        kind, _, source = name.partition("/")
-        if kind == "raw":  # the names of pages, which are in the plan
-            continue
-        mine = plan if _PAGES.startswith(f"{source}/") else {**plan, "names": []}
-        encoded = json.dumps([digest, mine], sort_keys=True)
-        marks[source] = hashlib.sha256(encoded.encode()).hexdigest()[:16]
-    return marks
-
-
-def _copy(parted: PartedBuild, sources: list[str]) -> None:
-    """The rows of sources that have not changed, in one part."""
-    wanted = pa.array(sources, pa.string())
-    files = manifest.rows(parted.root, "links/links")
-    out = parted.folder / "copied.parquet"
-    with reading(files), ShardWriter(out, "links/links", in_order=True) as copied:
-        for path in files:
-            with parquet.open_file(path, pre_buffer=False) as file:
-                for batch in file.iter_batches():
-                    mine = pc.is_in(batch.column("source").cast(pa.string()), value_set=wanted)
-                    copied.write(pa.Table.from_batches([batch.filter(mine)]))
-
-
 def _stem(table: str) -> str:
     return table.replace("/", ".")
 
 
 def make_part(folder: str, name: str, path: str, table: str) -> dict[str, int]:
     """The mentions in a file of a clean table."""
-    source, keywords = table.partition("/")[0], _keywords(folder)
+    source, keywords = table.partition("/")[0], _keywords(read_plan(folder))
     tables = [mentions(source, part, keywords) for part in parts(Path(path), table)]
     write_part(folder, name, tables, "links/links", {})
     return {"links": sum(one.num_rows for one in tables)}
 
 
 @lru_cache(maxsize=2)
-def _keywords(folder: str) -> Keywords:
+def _keywords(plan: str) -> Keywords:
     """The keywords of a plan with their automaton, made once in each worker."""
-    return lists.of_plain(read_plan(folder)["keywords"])
+    return lists.of_plain(json.loads(plan)["keywords"])
 
 
 def _titles(files: list[Path]) -> Iterator[tuple[int, str]]:
@@ -185,8 +143,9 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
     write_table(work / "own-pages.parquet", own_rows, "links/links")
 
 
-def _finish(parted: PartedBuild, fresh: Build, keywords: Keywords, own: Mapping[int, Own]) -> None:
+def _finish(parted: PartedBuild, keywords: Keywords, own: Mapping[int, Own]) -> None:
     """Write the tables and the figures."""
+    fresh = parted.build
     entities = pa.table(
         {
             "entity": keywords.names,
@@ -218,6 +177,7 @@ def _finish(parted: PartedBuild, fresh: Build, keywords: Keywords, own: Mapping[
 
 
 def _summary(root: Path) -> Summary:
+    root = Catalog(root.absolute()).workplace
     made = manifest.read(root, "links")
     figures = made.figures if made is not None else {}
     shown = ("entities", "with_page", "links", "mentions", "sources")

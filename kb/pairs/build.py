@@ -4,17 +4,23 @@ A part is some thousand transcripts of a file. The parts are merged into globall
 that these do not depend on how the work was cut, on workers or on the engine.
 """
 
+import json
 from collections import Counter
-from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from kb.artifacts import freshness, manifest, measures
-from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_part
+from kb.artifacts.parted_build import (
+    Part,
+    PartedBuild,
+    is_current,
+    parted_build,
+    read_plan,
+    write_part,
+)
 from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
-from kb.core.errors import LimitReached
 from kb.core.installation import np
 from kb.core.languages import one_name
 from kb.core.summary import Summary
@@ -41,7 +47,7 @@ _TOTALS = (
 def build(run: Run) -> Summary:
     """Make the pairs that are not made yet. The same input gives the same bytes.
 
-    Raises ProfileError, MissingExtra, FatalError without transcripts, LimitReached, Interrupted.
+    Raises ProfileError, MissingExtra, FatalError without transcripts, Interrupted.
     """
     section, keywords = run.profile.section(Pairs), check(run)
     plan = {
@@ -51,34 +57,23 @@ def build(run: Run) -> Summary:
         "language": one_name(run.profile.youtube.language) if run.profile.youtube else "",
     }
     with writer(run.root, "pairs"):
-        parted = PartedBuild(run, "pairs", manifest.inputs(run.root, "pairs"), plan)
-        if parted.is_current():
+        if is_current(run, "pairs"):
             run.progress.say("pairs are up to date")
             return _summary(run.root)
-        parted.begin()
-        parts, done = _parts(run, parted.rows)
-        parted.make(parts, make_part, "transcripts", {Path(part.arguments[0]) for part in parts})
-        with parted.finish(complete=done) as fresh:
-            sorted_shards(parted.rows, fresh.folder, "pairs/pairs", released=False)
-            quality.finish(parted.rows, fresh.folder)
-            _write_measures(run, fresh)
-            fresh.figures = _figures(parted, keywords)
-    summary = _summary(run.root)
-    if not done:
-        error = LimitReached(f"--limit {run.limit} transcripts are done")
-        error.summary = summary
-        raise error
-    return summary
+        inputs = manifest.inputs(run.root, "pairs")
+        with parted_build(run, "pairs", inputs, plan) as parted:
+            parts = _parts(run.root)
+            parted.make(parts, make_part, "transcripts", {Path(p.arguments[0]) for p in parts})
+            sorted_shards(parted.rows, parted.build.folder, "pairs/pairs", released=False)
+            quality.finish(parted.rows, parted.build.folder)
+            _write_measures(run, parted.build)
+            parted.build.figures = _figures(parted, keywords)
+    return _summary(run.root)
 
 
 def _write_measures(run: Run, fresh: manifest.Build) -> None:
     """Figures of all pairs; those of samples still hold where the rules are the same."""
     old = manifest.read(run.root, "pairs")
-    if Layout(run.root).rows("pairs/scores"):
-        run.progress.say(
-            "the new pairs have no scores yet; run `kb pairs score` again, which decodes no film"
-            " whose pairs are the same as before"
-        )
     kept = measures.read_measures(Layout(run.root).pairs) if old is not None else {}
     if old is not None and freshness.changes(old, fresh.settings):
         if kept.keys() - {measures.PAIRS}:
@@ -101,34 +96,22 @@ def check(run: Run) -> lists.Keywords:
     return keywords
 
 
-def _parts(run: Run, made: Iterable[Path]) -> tuple[list[Part], bool]:
-    """Parts that are not made yet, up to the limit, and whether they are all that is left.
-
-    A part is `<file>.<first row>-<row after the last>`.
-    """
-    done: dict[str, int] = {}
-    for path in made:
-        stem, _, span = path.stem.rpartition(".")
-        done[stem] = max(done.get(stem, 0), int(span.partition("-")[2]))
-    left = run.limit
+def _parts(root: Path) -> list[Part]:
+    """A part is `<file>.<first row>-<row after the last>`."""
     parts: list[Part] = []
-    for path in transcripts.parts(run.root):
-        first, total = done.get(path.stem, 0), transcripts.rows(path)
-        while first < total:
-            if left == 0:
-                return parts, False
-            after = min(first + _ROWS, total, *([first + left] if left is not None else []))
+    for path in transcripts.parts(root):
+        total = transcripts.rows(path)
+        for first in range(0, total, _ROWS):
+            after = min(first + _ROWS, total)
             name = f"{path.stem}.{first:09d}-{after:09d}"
             parts.append(Part(name, (str(path), first, after), after - first))
-            left = left - (after - first) if left is not None else None
-            first = after
-    return parts, True
+    return parts
 
 
 def make_part(folder: str, name: str, path: str, first: int, after: int) -> dict[str, int]:
     """The pairs of some transcripts of a file."""
-    tools, counts, rows, figures = _tools(folder), PairCounts(), [], []
-    language = read_plan(folder)["language"]
+    tools, language = _tools(read_plan(folder))
+    counts, rows, figures = PairCounts(), [], []
     for text in transcripts.texts(Path(path), first, after):
         batch = pairs_of(text, tools)
         counts.add(batch.counts)
@@ -141,11 +124,11 @@ def make_part(folder: str, name: str, path: str, first: int, after: int) -> dict
 
 
 @lru_cache(maxsize=2)
-def _tools(folder: str) -> Tools:
-    """Automaton and tokenizer of a plan, made once in each worker."""
-    plan = read_plan(folder)
+def _tools(encoded: str) -> tuple[Tools, str]:
+    """Automaton and tokenizer of a plan, made once in each worker, and the language."""
+    plan = json.loads(encoded)
     keywords = lists.of_plain(plan["keywords"])
-    return make_tools(Pairs(**plan["section"]), plan["seed"], keywords)
+    return make_tools(Pairs(**plan["section"]), plan["seed"], keywords), plan["language"]
 
 
 def _figures(parted: PartedBuild, keywords: lists.Keywords) -> dict[str, Any]:

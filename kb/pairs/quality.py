@@ -109,11 +109,7 @@ def write_part(
 
 
 def finish(parts: Sequence[Path], out: Path) -> None:
-    """Write pairs/quality of the finished parts (their files of pairs) into `out`.
-
-    What a part left that was killed before its last file is not read: another one may have its
-    videos. Raises DiskFull.
-    """
+    """Write pairs/quality of the parts (their files of pairs) into `out`. Raises DiskFull."""
     named = [path.parent / "quality" / path.stem for path in parts]
     if not named:  # no transcript was kept
         sorted_shards((), out, _TABLE, released=False)

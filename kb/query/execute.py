@@ -20,13 +20,14 @@ import pyarrow as pa
 from kb.artifacts.table_catalog import SCHEMAS, View, empty, view_name
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.progress import Progress
-from kb.core.sources import PUBLISHED, SOURCES, exported_by
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.query import statements
 from kb.query.formats import as_csv
 from kb.query.limits import Limits, limited, restrict_process, timed_out
 from kb.query.remote_duckdb import reading_views
 from kb.query.views import connect, find_views
 from kb.schema.tables import tables
+from kb.store.artifact_registry import ARTIFACTS
 from kb.store.damage import unreadable
 from kb.store.tables import checksums
 from kb.store.tables.reading import broken
@@ -113,7 +114,7 @@ def _made_by(short: str, schema: str) -> str:
     if short == "pairs_scores":
         return "`kb pairs score` makes it"
     if source not in SOURCES or schema == "release":
-        return f"`{exported_by(source)}` makes it"
+        return f"`{ARTIFACTS[f'release/{source}'].command}` makes it"
     return f"`kb {source} crawl`, then `kb {source} filter` make it"
 
 

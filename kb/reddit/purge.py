@@ -12,16 +12,16 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, cast
 
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts.purge import Purge, PurgeRules
+from kb.artifacts import manifest
+from kb.artifacts.purge import Purge, PurgeRules, by_presence, with_named
 from kb.artifacts.purge_people import MARK, PeopleRules, Theirs, in_rows
-from kb.artifacts.purge_raw import Matcher, Names, over_segments
-from kb.artifacts.purge_rows import RowLocation, keep_rows, shared_locations
+from kb.artifacts.purge_raw import AnswerRules, Matcher, Names, over_segments
+from kb.artifacts.purge_rows import RowLocation, shared_locations
 from kb.crawl.id_list import IdList
 from kb.reddit.crawl.ids import RULES as IDS
 from kb.reddit.crawl.subreddit import INFO
@@ -31,7 +31,7 @@ from kb.reddit.parse.answer_tree import PURGED, theirs, without_hashes
 from kb.reddit.parse.assemble import count_again
 from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.parse.remove_ids import crossposts_of, drop_hashes, drop_parents, strip
-from kb.store.layout import BELOW, Layout, parquet_files
+from kb.store.layout import BELOW
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
@@ -110,10 +110,10 @@ def read_list(path: Path, say: Callable[[str], None] | None = None) -> IdList:
 
 
 def find(purge: Purge) -> dict[str, str]:
-    """Keys with reason `deleted`, `removed`, `missing`, or `post` for comments of posts that are
-    removed.
+    """What the user named, and keys with reason `deleted`, `removed`, `missing`, or `post` for
+    comments of posts that are removed.
     """
-    keys: dict[str, str] = {}
+    named, keys = by_presence(purge), dict[str, str]()
     with latest_state(purge.run, purge.scratch) as things:
         for rows in things:
             lost = rows.filter(pc.or_(pc.invert(rows["there"]), pc.is_valid(rows["gone"])))
@@ -121,14 +121,14 @@ def find(purge: Purge) -> dict[str, str]:
             for name, reason in zip(lost["fullname"].to_pylist(), reasons, strict=True):
                 keys.setdefault(str(name), reason)
         # A post that was purged before may have got comments since.
-        names = purge.keys.keys() | keys.keys() | tombstones.keys(purge.root, "reddit")
+        names = {*named, *purge.keys, *keys, *tombstones.keys(purge.root, "reddit")}
         posts = pa.array(sorted(name[3:] for name in names if name.startswith("t3_")), pa.string())
         for rows in things:
             is_comment = pc.starts_with(rows["fullname"], "t1_")
             below = pc.and_(is_comment, pc.is_in(rows["post_id"], value_set=posts))
             for name in rows["fullname"].filter(below).to_pylist():
                 keys.setdefault(str(name), "post")
-    return keys
+    return with_named(named, keys)
 
 
 def texts(keys: Collection[str]) -> set[str]:
@@ -148,8 +148,14 @@ def crossposts(envelope: Envelope, keys: Collection[str]) -> set[str]:
 
 def forget(purge: Purge) -> None:
     """Remove trees, threads and comments to ask for; a listing that would go on behind a removed
-    post starts again.
+    post starts again. What kept rows say of removed ones: parents of crossposts, people, counts.
     """
+    with manifest.editing(purge.root, *map(str, REBUILT)):
+        for base in REBUILT:
+            posts = purge.root / base / "posts"
+            drop_parents(posts, purge.repeats, purge.keys)
+            drop_hashes(posts, purge.names.get(MARK, ()))
+            count_again(purge.root / base)
     frontier, names = purge.frontier, purge.keys
     for kind, prefix in (("tree", "t3_"), ("more", "t1_"), (INFO.kind, "")):
         frontier.remove(kind, [key.removeprefix(prefix) for key in names if key.startswith(prefix)])
@@ -165,24 +171,6 @@ def forget(purge: Purge) -> None:
         if payload is not None and payload.after in names:
             start = msgspec.structs.replace(payload, after=None, pages=0)
             frontier.payload("listing", key, start)
-
-
-def repair(purge: Purge) -> None:
-    """What rows say of removed rows: parents of crossposts, failed parts, counts of comments."""
-    for base in BASES:
-        drop_parents(purge.root / base / "posts", purge.repeats, purge.keys)
-        people = purge.names.get(MARK, ())
-        drop_hashes(purge.root / base / "posts", people)
-    keys = pa.array(sorted(purge.keys), pa.string())
-
-    def is_kept(rows: pa.RecordBatch) -> pa.Array[Any]:
-        thing = pc.list_element(pc.split_pattern(rows["key"].cast(pa.string()), "/"), 0)
-        return cast("pa.Array[Any]", pc.invert(pc.is_in(thing, value_set=keys)))
-
-    for path in parquet_files(Layout(purge.root).clean("reddit", "failed")):
-        keep_rows(path, "shared/failed", ["key"], is_kept)
-    for base in BASES:
-        count_again(purge.root / base)
 
 
 RULES = PurgeRules(
@@ -201,12 +189,8 @@ RULES = PurgeRules(
         *(RowLocation(str(base), "reddit/missing", "key") for base in REBUILT),
         *shared_locations("reddit"),
     ),
+    answers=AnswerRules(texts=texts, strip=strip_names, repeats=crossposts),
     find=find,
-    texts=texts,
-    strip=strip_names,
-    repeats=crossposts,
     forget=forget,
-    repair=repair,
-    implied="post",
     people=PEOPLE,
 )

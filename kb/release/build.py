@@ -1,7 +1,6 @@
 """`kb release`: the gate, then everything around the data of each folder.
 
 release(run)     gate → describe each folder → gate over what was written
-describe(run)    the files around the data alone (also after a purge)
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from kb.artifacts.release_folder import (
 from kb.core.context import Run
 from kb.core.errors import ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
-from kb.core.sources import PUBLISHED, exported_by, made_of
+from kb.core.sources import PUBLISHED, made_of
 from kb.core.summary import Summary
 from kb.release import folders, provenance
 from kb.release.folders import sample_name
@@ -37,7 +36,7 @@ from kb.release.metadata.croissant import croissant
 from kb.release.metadata.measure import Facts
 from kb.release.metadata.zenodo import deposit
 from kb.schema import table
-from kb.store.artifact_registry import SUMS
+from kb.store.artifact_registry import ARTIFACTS, SUMS
 from kb.store.atomic import write_text, writing
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
@@ -71,15 +70,6 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
     )
 
 
-def describe(run: Run, sources: Sequence[str] = ()) -> None:
-    """Write the files around the data again, without the gate: after a purge took rows out."""
-    described = [one for one in folders.in_root(run.root) if not sources or one.source in sources]
-    for folder in described:
-        write(run, folder)
-    if described:
-        freshness.note_described(run, (folder.source for folder in described))
-
-
 def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     """The folders to release, or `only` those of some sources.
 
@@ -92,7 +82,11 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     lost = "was exported and is not there; run `{}`, or name the other folders with --only"
     refuse(
         [
-            GateProblem("missing", str(at.release(source)), lost.format(exported_by(source)))
+            GateProblem(
+                "missing",
+                str(at.release(source)),
+                lost.format(ARTIFACTS[f"release/{source}"].command),
+            )
             for source in wanted
             if source not in there and manifest.read(run.root, f"release/{source}")
         ]
@@ -121,13 +115,12 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
 
 
 def refuse(problems: Sequence[GateProblem], hint: str = "nothing was published") -> None:
-    """Raise ReleaseRefused when there are problems; they are in its `.problems` and `.summary`."""
+    """Raise ReleaseRefused when there are problems; they are in its `summary` as well."""
     if not problems:
         return
     lines = list(dict.fromkeys(str(problem) for problem in problems))
     count = f"{len(lines)} {'reason' if len(lines) == 1 else 'reasons'}"
-    error = ReleaseRefused(f"the release is refused for {count}", hint=hint)
-    error.problems = lines  # type: ignore[attr-defined]
+    error = ReleaseRefused(f"the release is refused for {count}", hint=hint, problems=lines)
     error.summary = Summary(command="release", problems=lines)
     raise error
 
@@ -137,8 +130,9 @@ def write(run: Run, folder: ReleaseFolder) -> Facts:
     with run.progress.task(f"release {folder.source}", unit="files") as task:
         with reading(shard for part in folder.parts for shard in part.shards):
             facts = measure.measure(run, folder)
-        for path in folder.path.glob("LICENSE-*.txt"):
-            path.unlink()
+        for pattern in ("LICENSE-*.txt", folders.RECIPES):
+            for path in folder.path.glob(pattern):
+                path.unlink()
         version = run.profile.release.version
         changed = provenance.changes(run.root, folder, facts, version)
         texts = {

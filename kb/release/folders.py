@@ -3,6 +3,7 @@ those that somebody downloaded.
 """
 
 from collections.abc import Sequence
+from fnmatch import fnmatch
 from pathlib import Path
 
 from kb.artifacts import release_folder
@@ -36,6 +37,7 @@ REQUIRED = (
     *(PROFILE_FILE, "provenance.json", DEPOSIT, SUMS),
 )
 OPTIONAL = (TOMBSTONES, KEYWORDS)
+RECIPES = "recipe-*.txt"  # texts of the user's own recipes, which nothing runs
 
 
 def in_root(root: Path) -> list[ReleaseFolder]:
@@ -64,7 +66,8 @@ def is_made(name: str, source: str) -> bool:
     """Whether `kb release` writes a file of that name into the source's folder."""
     licences = {f"LICENSE-{spdx}.txt" for spdx in KNOWN}
     samples_ = {sample_name(declared) for declared in released_tables(source)}
-    return name in {*REQUIRED, *OPTIONAL, *licences, *samples_}
+    is_recipe = fnmatch(name, RECIPES)
+    return is_recipe or name in {*REQUIRED, *OPTIONAL, *licences, *samples_}
 
 
 def sample_name(declared: Table) -> str:

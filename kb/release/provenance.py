@@ -3,6 +3,7 @@ since the release before.
 
 profile.toml       the profile as used; it names its keyword list as it is called in the folder
 keywords.tsv       the keyword lists as used, in one file
+recipe-NAME.txt    the user's own recipes that made the data, as text
 provenance.json    the rest, and what changed since the release before
 
 For each folder and version `kb release` records the digests of its keys, in
@@ -21,7 +22,9 @@ import msgspec
 import pyarrow as pa
 
 from kb import __version__
+from kb.artifacts.freshness import lineage
 from kb.artifacts.release_folder import KEYWORDS, ReleaseFolder
+from kb.core.config import pipeline
 from kb.core.config.profile import Profile
 from kb.core.config.profile.base import read_text
 from kb.core.context import Run
@@ -29,6 +32,7 @@ from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, lock_digest, software_address
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.release.metadata.measure import Facts
+from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import writing
 from kb.store.damage import opening
 from kb.store.layout import Layout, parquet_files
@@ -146,14 +150,27 @@ def files(run: Run, source: str, changed: Changes) -> dict[str, str]:
     listed = keyword_text(run.profile)
     if listed:
         made[KEYWORDS] = listed
+    recipes = _recipes(run.profile, source)
+    digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in recipes.items()}
     document = {
         **made_with(run),
+        **({"recipes": digests} if digests else {}),
         "version": run.profile.release.version,
         "settings": dict(rules(run.profile, source)),
         "changes": msgspec.to_builtins(changed) if changed.version else None,
     }
     made[PROVENANCE] = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
-    return made
+    return made | recipes
+
+
+def _recipes(profile: Profile, source: str) -> dict[str, str]:
+    """The user's own recipes behind a folder, as text. Raises SettingError for one that may not
+    run here.
+    """
+    makers = {ARTIFACTS[name].maker for name in lineage(f"release/{source}")}
+    names = {maker.recipe for maker in makers if maker is not None}
+    mine = {name: path for name, path in pipeline.own(profile).items() if name in names}
+    return {f"recipe-{name}.txt": pipeline.own_text(profile, path) for name, path in mine.items()}
 
 
 def made_with(run: Run) -> dict[str, dict[str, Any]]:

@@ -21,7 +21,7 @@ from kb.artifacts.table_catalog import Catalog, empty
 from kb.core import signals
 from kb.core.config.profile import Profile
 from kb.core.context import Run
-from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
+from kb.core.errors import MissingExtra, UsageError
 from kb.core.installation import install_extra
 from kb.core.publication import Publication
 from kb.core.source import Source
@@ -46,7 +46,7 @@ from kb.look.headings import heading, plain, reading
 from kb.report.data import ReportData
 from kb.report.figures import FigureMaker
 from kb.schema import table
-from kb.store.atomic import remove_folder, replacing_folder
+from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 from kb.store.state import demo_mark
 from kb.store.tables.reading import SANDBOX_MODEL, filtered
@@ -169,12 +169,8 @@ PAGE = "index.html"
 SHOWN = [one for one in PUBLISHED.values() if one.shown]
 
 
-def report(run: Run, out: Path | None = None) -> Summary:
-    """Write `report/` anew, or `out`; of a download it goes to the user's cache by default.
-
-    Raises MissingExtra without the figures' packages, FatalError where there is nothing to show,
-    DamagedData.
-    """
+def check_extra() -> None:
+    """Raises MissingExtra without the packages that figures need."""
     missing = [
         name
         for name in ("matplotlib", "wordcloud", "PIL")
@@ -182,23 +178,19 @@ def report(run: Run, out: Path | None = None) -> Summary:
     ]
     if missing:
         raise MissingExtra(f"figures need {', '.join(missing)}", hint=install_extra("figures"))
+
+
+def report(run: Run, out: Path | None = None) -> Summary:
+    """Write `report/` anew, or `out`; of a download it goes to the user's cache by default.
+
+    Raises MissingExtra without the figures' packages, FatalError where there is nothing to show,
+    DamagedData.
+    """
+    check_extra()
     if not Catalog(run.root.absolute()).views:  # before anything is written
         raise empty(run.root)
     with domain_binding.writing(run, "report"):
         return _report(run, out)
-
-
-def report_again(run: Run) -> None:
-    """The report of today's rows, where there is one; it goes where its packages are not there."""
-    place = Layout(run.root).report
-    if not place.exists():
-        return
-    try:
-        report(run)
-    except (MissingExtra, FatalError) as error:
-        if isinstance(error, DamagedData):
-            raise
-        remove_folder(place)
 
 
 @contextlib.contextmanager

@@ -31,7 +31,8 @@ import hashlib
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -177,12 +178,15 @@ def _watched(path: Path, ticks: np.ndarray, model: ClipModel) -> tuple[np.ndarra
 
 class VideoScores(msgspec.Struct, frozen=True):
     """What became of a video's pairs: the score of each by its id, as columns of a row; or why the
-    film could not be read. `made_of`: a digest of pairs, film, model and rules.
+    film could not be read. `made_of`: a digest of pairs, film, model and rules; `pairs`: one of
+    each pair by its id, so that pairs that are made again take their scores from here.
     """
 
     made_of: str
     scores: dict[str, tuple[float, float | None, float | None, float | None, int]]
     undecodable: str = ""
+    model: str = ""
+    pairs: dict[str, str] = {}
 
 
 def score(
@@ -226,7 +230,7 @@ def score(
             counts[UNDECODABLE if made.undecodable else SHORT] += len(own) - len(made.scores)
             scored_rows.append(_rows(own[0]["video_id"], name, made))
             task.advance(1, pairs=len(made.scores))
-        visible = _write(run, name, scored_rows)
+        visible = _write(run, _with_others(run, name, scored_rows))
     scored = sum(map(len, scored_rows))
     return Summary(
         command="pairs score",
@@ -252,16 +256,57 @@ def score_video(
         version = version_of(film)
         encoded = msgspec.json.encode((_RULES, name, version, rows), order="sorted")
         made_of = hashlib.sha256(encoded).hexdigest()
-        done = json_files.read(place, VideoScores, fix="remove it, then score the pairs again")
+        done = _read_scores(place)
         if done is not None and done.made_of == made_of:
             return done
         try:
             scores = {one[0]: one[1:] for one in scores_of(Path(film), rows, _model(model, device))}
-            made = VideoScores(made_of, scores)
+            made = VideoScores(made_of, scores, model=name, pairs=_digests(rows))
         except (UndecodableVideo, FileNotFoundError) as error:
             made = VideoScores(made_of, {}, str(error) or "the file is gone")
         if version_of(film) == version:
             write_bytes(place, msgspec.json.encode(made))
+
+
+def _digests(rows: Sequence[Row]) -> dict[str, str]:
+    """A digest of each pair, by its id."""
+    encoded = ((row["pair_id"], msgspec.json.encode(row, order="sorted")) for row in rows)
+    return {pair_id: hashlib.sha256(text).hexdigest()[:16] for pair_id, text in encoded}
+
+
+def put_back(run: Run) -> None:
+    """Scores of pairs that were made again, where all scored pairs of a video are what they were.
+
+    Opens no film. Raises WriterLocked, DamagedData, DiskFull.
+    """
+    at = Layout(run.root)
+    measured = measures.read_measures(at.pairs).get(SECTION, {"models": []})
+    if not measured["models"]:
+        return
+    (name,) = measured["models"]
+    scored = ((path.stem, _read_scores(path)) for path in at.scoring.glob("*.json"))
+    known = {video: done for video, done in scored if done is not None and done.model == name}
+    scored_rows: list[pa.Table] = []
+    with database.connect(run.root) as con:
+        con.register("scored", pa.table({"video_id": pa.array(known, pa.string())}))
+        reader = con.sql(f"""
+            SELECT {_COLUMNS} FROM {scan(at.rows("pairs/pairs"))} SEMI JOIN scored USING (video_id)
+            ORDER BY video_id, pair_id""").to_arrow_reader()
+        rows = (row for batch in reader for row in batch.to_pylist())
+        for video, own in groupby(rows, key=itemgetter("video_id")):
+            if known[video].pairs.items() <= _digests(list(own)).items():
+                scored_rows.append(_rows(video, name, known[video]))
+    with writer(run.root, "pairs"):
+        _write(run, scored_rows)
+    if lost := measured["pairs"] - sum(map(len, scored_rows)):
+        run.progress.say(
+            f"{lost:,} pairs have no scores any more; run `kb pairs score` again, which decodes no"
+            " film whose pairs are the same as before"
+        )
+
+
+def _read_scores(path: Path) -> VideoScores | None:
+    return json_files.read(path, VideoScores, fix="remove it, then score the pairs again")
 
 
 @lru_cache(maxsize=1)
@@ -282,11 +327,8 @@ def _rows(video_id: str, model: str, made: VideoScores) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=table(NAME).arrow())
 
 
-def _write(run: Run, model: str, scored_rows: list[pa.Table]) -> dict[str, Any]:
-    """Put new scores beside those of other pairs by the same model, and what they say of all into
-    pairs/measures.json; what people's judgements say of them.
-    """
-    folder = Layout(run.root).pairs
+def _with_others(run: Run, model: str, scored_rows: list[pa.Table]) -> list[pa.Table]:
+    """New scores, and those of other pairs by the same model."""
     fresh = pa.concat_tables([table(NAME).arrow().empty_table(), *scored_rows])
     kept = [parquet.read_table(path) for path in Layout(run.root).rows(NAME)]
     kept = [
@@ -298,7 +340,15 @@ def _write(run: Run, model: str, scored_rows: list[pa.Table]) -> dict[str, Any]:
         )
         for one in kept
     ]
-    every = pa.concat_tables([fresh, *(one.cast(fresh.schema) for one in kept)])
+    return [fresh, *(one.cast(fresh.schema) for one in kept)]
+
+
+def _write(run: Run, scored_rows: list[pa.Table]) -> dict[str, Any]:
+    """Write the scores, and what they say of all pairs into pairs/measures.json; what people's
+    judgements say of them.
+    """
+    folder = Layout(run.root).pairs
+    every = pa.concat_tables([table(NAME).arrow().empty_table(), *scored_rows])
     measured = section(run.root, run.profile, every)
     sections = measures.read_measures(folder) | {SECTION: measured}
     with manifest.editing(run.root, "pairs"):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from kb.artifacts import domain_binding, freshness, manifest, texts
 from kb.artifacts import index as index_of
+from kb.artifacts.makers import make_artifact
 from kb.artifacts.table_catalog import NO_TABLES, Catalog, empty
 from kb.core.context import Run
 from kb.core.errors import FatalError
@@ -24,7 +25,8 @@ def index(run: Run) -> Summary:
     """
     if not Catalog(run.root.absolute()).views:  # before anything is written
         raise empty(run.root)
-    made = {source: built for source in SOURCES if (built := follow(run, source)) is not None}
+    made = {source: make_artifact(run, f"index/{source}") for source in SOURCES}
+    made = {source: built for source, built in made.items() if built}
     if not made:
         raise FatalError(
             f"nothing to index: {run.root} has no texts",
@@ -32,29 +34,29 @@ def index(run: Run) -> Summary:
         )
     return Summary(
         command="index",
-        passages=sum(count for count, _ in made.values()),
-        indexed=sorted(source for source, (_, is_fresh) in made.items() if is_fresh),
-        sources={source: count for source, (count, _) in made.items()},
+        passages=sum(built["passages"] for built in made.values()),
+        indexed=sorted(source for built in made.values() for source in built["indexed"]),
+        sources={source: built["passages"] for source, built in made.items()},
         path=str(index_of.folder(run.root, next(iter(made))).parent),
     )
 
 
-def follow(run: Run, source: str) -> tuple[int, bool] | None:
+def follow(run: Run, source: str) -> Summary:
     """Make the source's index again where it has to be, or where the run says `again`: its
     passages, and whether it had to be made.
 
-    None where the source has no texts: then no index stays either. Raises as `index`.
+    An empty summary where the source has no texts: then no index stays either. Raises as `index`.
     """
     name, root, catalog = f"index/{source}", run.root, Catalog(run.root.absolute())
     if not catalog.is_writable and (count := _passages(run, source)) is not None:
-        return count, False  # perhaps in the data root itself
+        return Summary(passages=count, indexed=[])  # perhaps in the data root itself
     home = catalog.path if catalog.is_writable else catalog.cached
     with domain_binding.writing(run, f"index-{source}", workplace=home):
         if not texts.files(root, name):
             index_of.remove(root, source)
-            return None
+            return Summary()
         if (count := _passages(run, source)) is not None:
-            return count, False
+            return Summary(passages=count, indexed=[])
         youtube, inputs = run.profile.youtube, texts.inputs(root, name)
         stemmer = STEMMERS.get("en" if youtube is None else youtube.language, "")
         settings = freshness.settings(run, name)
@@ -65,7 +67,7 @@ def follow(run: Run, source: str) -> tuple[int, bool] | None:
             passages = SOURCES[source].passages(run.profile, root)
             count = tantivy_index.write(fresh.folder, stemmer, passages, task.advance)
             fresh.figures = {"passages": count, "stemmer": stemmer}
-    return count, True
+    return Summary(passages=count, indexed=[source])
 
 
 def _passages(run: Run, source: str) -> int | None:
@@ -89,4 +91,4 @@ def ensure(run: Run, sources: Sequence[str]) -> None:
             continue
         if freshness.reasons(run, f"index/{source}"):
             run.progress.say(f"the index of {source} is missing or out of date; building it")
-            follow(run, source)
+            make_artifact(run, f"index/{source}")

@@ -15,18 +15,17 @@ needs no line here.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-from kb.core.sources import (
-    PUBLISHED,
-    SOURCES,
-    exported_by,
-    made_of,
-)
+from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.schema.tables import tables
 from kb.store.layout import Layout
 
 MANIFEST = "_manifest.json"
 """The file name of a manifest; the underscore hides it from readers of a folder of Parquet."""
+
+RELEASE = "release"
+"""The artifact of what `kb release` writes around the data of all folders below release/."""
 
 SUMS = "SHA256SUMS"
 """The file name of the checksums of a release folder, and of captured files."""
@@ -44,20 +43,32 @@ _SETTINGS = {
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
 _RULES = {"clean/youtube": 3, "pairs": 7, "tasks": 2, "links": 1}
+_KEPT_FILES = {"pairs": ("measures.json",)}  # figures of samples that cost requests
 _ADDED = {  # tables that another command adds to a folder, which is complete without them
     "pairs/scores": "run `kb pairs score` with the same films, which decodes none of them again"
 }
+
+
+class Maker(NamedTuple):
+    """What makes an artifact: a function of a recipe, by the name of its file in `pipelines/` or of
+    the source whose package has it, called with the run and `arguments`.
+    """
+
+    recipe: str
+    function: str
+    arguments: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Artifact:
     """A folder (or file) that one command makes from its inputs.
 
-    `inputs` are names of other artifacts, "raw/<source>" or "raw/<source>/<kind>". `lock` is the
-    lock that its writer holds (kb.store.lock). `reads` are the tables of the inputs that matter,
-    all of them when empty; `every_file`: all files of the inputs do, verdicts included. `settings`
-    are the parts of the profile that decide its content ("youtube.min_views", "pairs"; "keywords":
-    the keyword files; "": all), but for those in `other_settings`. `rules` is raised when the same
+    `inputs` are names of other artifacts, "raw/<source>" or "raw/<source>/<kind>". `maker` makes
+    it; what has none is kept, as it can't be made again from its inputs alone. `lock` is the lock
+    that its writer holds (kb.store.lock). `reads` are the tables of the inputs that matter, all of
+    them when empty; `every_file`: all files of the inputs do, verdicts included. `settings` are the
+    parts of the profile that decide its content ("youtube.min_views", "pairs"; "keywords": the
+    keyword files; "": all), but for those in `other_settings`. `rules` is raised when the same
     input gives other rows. `public` artifacts are given away as they are, so their manifest is kept
     in state/manifests/.
     """
@@ -68,6 +79,7 @@ class Artifact:
     lock: str
     tables: tuple[str, ...] = ()
     reads: tuple[str, ...] = ()
+    maker: Maker | None = None
     public: bool = False
     every_file: bool = False
     settings: tuple[str, ...] = ()
@@ -85,6 +97,11 @@ class Artifact:
         return self.folder(root) / MANIFEST
 
     @property
+    def kept_files(self) -> tuple[str, ...]:
+        """Files of a derived artifact that are kept when it is made again."""
+        return _KEPT_FILES.get(self.name, ())
+
+    @property
     def added(self) -> tuple[str, ...]:
         """Tables that another command adds to the folder; without them the artifact is complete."""
         return tuple(one for one in self.tables if one in _ADDED)
@@ -97,97 +114,144 @@ class Artifact:
         return self.hint
 
     @property
+    def command_again(self) -> str:
+        """The command that makes it again though nothing seems to have changed."""
+        resumes = self.command in ("kb pairs", "kb tasks", "kb links", "kb index")
+        return f"{self.command} --again" if resumes else self.command
+
+    @property
     def hint(self) -> str:
         """How to make it again when one of its files is damaged or missing."""
-        if self.command in ("kb pairs", "kb tasks", "kb links", "kb index"):
-            return f"run `{self.command} --again`"
         if self.name.startswith("restored"):
             return "remove its folder, then run `kb restore` with the release's folder again"
         if self.name == "labels":
             return "restore it from a copy, or remove it and give `kb label import` every export"
         if self.name.startswith("annotations/"):
             return f"remove it, then run `{self.command}`, which scores its texts again"
-        return f"run `{self.command}` again"
+        again = self.command_again
+        return f"run `{again}`" if again != self.command else f"run `{again}` again"
 
 
 def _declared() -> Iterator[Artifact]:
+    """Every artifact after its inputs."""
+    yield from _kept()
     for source in SOURCES:
-        filter_ = f"kb {source} filter"
-        own = tuple(one.name for one in tables().values() if one.source == source)
-        kept = tuple(name for name in own if not name.endswith("/missing"))
-        texts = tuple(f"{source}/{short}" for short in SOURCES[source].indexed)
-        clean = f"clean/{source}"
-        yield Artifact(f"annotations/{source}", (), filter_, source, ("shared/annotations",))
-        yield Artifact(
-            clean,
-            (f"raw/{source}",),
-            filter_,
-            source,
-            kept,
-            settings=(source, "toxicity.toxicity", f"toxicity.thresholds.{source}"),
-            other_settings=tuple(f"{source}.{key}" for key in SOURCES[source].crawl_settings),
-            rules=_RULES.get(clean, 2),
-        )
+        yield _clean(source)
+    for name in PUBLISHED:
+        if name in _RULES:
+            yield _made(name)
+        yield _released(name)
+    for source in SOURCES:
         yield Artifact(
             f"index/{source}",
-            (clean,),
+            (f"clean/{source}",),
             "kb index",
             f"index-{source}",
-            reads=texts,
+            reads=tuple(f"{source}/{short}" for short in SOURCES[source].indexed),
+            maker=Maker("index", "index", (source,)),
             settings=("youtube.language",),
             rules=7,
         )
-        yield Artifact(f"restored/{source}", (), "kb restore", "restored")
-    for name in ("pairs", "tasks", "links"):
-        own = tuple(one.name for one in tables().values() if one.source == name)
-        inputs = tuple(f"clean/{one}" for one in made_of(name))
-        linked = tuple(f"{one}/{short}" for one in SOURCES for short in SOURCES[one].linked)
-        yield Artifact(
-            name,
-            (*inputs, *_OTHER_INPUTS.get(name, ())),
-            f"kb {name}",
-            name,
-            own,
-            linked if name == "links" else (),
-            settings=_SETTINGS[name],
-            rules=_RULES[name],
-        )
-    yield Artifact("labels", (), "kb label import", "labels", ("labels/labels",))
-    yield Artifact("restored", (), "kb restore", "restored")  # its lists of missing ids
-    yield Artifact("restored/pairs", (), "kb restore", "restored", ("pairs/pairs",))
-    for name in PUBLISHED:
-        own = tuple(one.name for one in tables().values() if one.source == name and one.released)
-        owner = PUBLISHED[name].part_of
-        inputs = (f"clean/{owner or name}" if (owner or name) in SOURCES else name,)
-        reads = tuple(f"{owner}/{short}" for short in SOURCES[owner].indexed) if owner else own
-        command, lock = exported_by(name), f"release-{name}"
-        asked = ("release.open_text",) if owner else ()
-        yield Artifact(
-            f"release/{name}",
-            inputs,
-            command,
-            lock,
-            own,
-            reads,
-            public=True,
-            settings=("release.shard_mb", *asked),
-        )
-        for export in PUBLISHED[name].exports:
-            format_ = f"{command} --format {export.partition('/')[0]}"
-            yield Artifact(
-                f"export/{export}", inputs, format_, lock, public=True, settings=("name",)
-            )
-    reconstruct = ("raw/reddit",), "kb reddit reconstruct", "reconstructed"
-    yield Artifact("export/reconstructed", *reconstruct, public=True)
-    clean_all = tuple(f"clean/{source}" for source in SOURCES)
     yield Artifact(
         "report",
-        (*clean_all, "pairs", "tasks", "links"),
+        (*(f"clean/{source}" for source in SOURCES), "pairs", "tasks", "links"),
         "kb report",
         "report",
+        maker=Maker("report", "report"),
         every_file=True,
         settings=("title", "seed", "toxicity", "report", "youtube.min_duration_s"),
     )
+    for name in PUBLISHED:
+        for export in PUBLISHED[name].exports:
+            format_ = export.partition("/")[0]
+            yield Artifact(
+                f"export/{export}",
+                _released_inputs(name),
+                f"{_command(name, 'export')} --format {format_}",
+                f"release-{name}",
+                maker=Maker(name, "export", (format_,)),
+                public=True,
+                settings=("name",),
+            )
+    yield Artifact(
+        RELEASE,
+        tuple(f"release/{name}" for name in PUBLISHED),
+        "kb release",
+        "",  # those of all release folders
+        maker=Maker("release", "release"),
+        public=True,
+        settings=("",),
+    )
+
+
+def _kept() -> Iterator[Artifact]:
+    for source in SOURCES:
+        filter_, scores = f"kb {source} filter", ("shared/annotations",)
+        yield Artifact(f"annotations/{source}", (), filter_, source, scores)
+        yield Artifact(f"restored/{source}", (), "kb restore", "restored")
+    yield Artifact("labels", (), "kb label import", "labels", ("labels/labels",))
+    yield Artifact("restored", (), "kb restore", "restored")  # its lists of missing ids
+    yield Artifact("restored/pairs", (), "kb restore", "restored", ("pairs/pairs",))
+    reconstruct = ("raw/reddit",), "kb reddit reconstruct", "reconstructed"
+    yield Artifact("export/reconstructed", *reconstruct, public=True)
+
+
+def _clean(source: str) -> Artifact:
+    own = tuple(one.name for one in tables().values() if one.source == source)
+    return Artifact(
+        f"clean/{source}",
+        (f"raw/{source}",),
+        f"kb {source} filter",
+        source,
+        tuple(name for name in own if not name.endswith("/missing")),
+        maker=Maker(source, "tables"),
+        settings=(source, "toxicity.toxicity", f"toxicity.thresholds.{source}"),
+        other_settings=tuple(f"{source}.{key}" for key in SOURCES[source].crawl_settings),
+        rules=_RULES.get(f"clean/{source}", 2),
+    )
+
+
+def _made(name: str) -> Artifact:
+    linked = tuple(f"{one}/{short}" for one in SOURCES for short in SOURCES[one].linked)
+    return Artifact(
+        name,
+        (*(f"clean/{one}" for one in made_of(name)), *_OTHER_INPUTS.get(name, ())),
+        f"kb {name}",
+        name,
+        tuple(one.name for one in tables().values() if one.source == name),
+        linked if name == "links" else (),
+        maker=Maker(name, "tables"),
+        settings=_SETTINGS[name],
+        rules=_RULES[name],
+    )
+
+
+def _released(name: str) -> Artifact:
+    own = tuple(one.name for one in tables().values() if one.source == name and one.released)
+    owner = PUBLISHED[name].part_of
+    reads = tuple(f"{owner}/{short}" for short in SOURCES[owner].indexed) if owner else own
+    return Artifact(
+        f"release/{name}",
+        _released_inputs(name),
+        _command(name, "export"),
+        f"release-{name}",
+        own,
+        reads,
+        maker=Maker(owner or name, f"export_{name.replace('-', '_')}" if owner else "export"),
+        public=True,
+        settings=("release.shard_mb", *(("release.open_text",) if owner else ())),
+    )
+
+
+def _command(name: str, of_source: str) -> str:
+    """The command of what is published: of a source, or of what is made from sources."""
+    owner = PUBLISHED[name].part_of or name
+    return f"kb {owner} {of_source}" if owner in SOURCES else f"kb {owner}"
+
+
+def _released_inputs(name: str) -> tuple[str, ...]:
+    of = PUBLISHED[name].part_of or name
+    return (f"clean/{of}" if of in SOURCES else name,)
 
 
 ARTIFACTS: dict[str, Artifact] = {one.name: one for one in _declared()}
@@ -200,7 +264,8 @@ def artifact_of(path: Path) -> tuple[Path, Artifact] | None:
     parts = path.parts
     for end in range(len(parts), 0, -1):
         for start in range(end):  # "restored/pairs" before "pairs"
-            if (name := "/".join(parts[start:end])) in ARTIFACTS:
+            name = "/".join(parts[start:end])
+            if name in ARTIFACTS and name != RELEASE:
                 return Path(*parts[:start]), ARTIFACTS[name]
         if parts[end - 1] in ("raw", "state"):
             return None

@@ -143,17 +143,25 @@ def settle_folder(path: Path) -> None:
     shutil.rmtree(_fresh(path), ignore_errors=True)
 
 
+def remove_path(path: Path) -> None:
+    """Remove a file or folder at once: it goes under a hidden name first, which the next command
+    clears away if this one is killed. A link to a folder stays, and leads to nothing.
+    """
+    path = followed(path)
+    gone = path.with_name(f".{path.name}.gone")
+    for _ in range(2):  # what a killed removal left, then `path` itself
+        if gone.is_dir() and not gone.is_symlink():
+            shutil.rmtree(gone)
+        else:
+            gone.unlink(missing_ok=True)
+        if os.path.lexists(path):
+            os.rename(path, gone)
+            sync_folder(path.parent)
+
+
 def followed(path: Path) -> Path:
     """Where a folder or file is: on another disk, say, with a link in its place."""
     return path.resolve() if path.is_symlink() else path
-
-
-def remove_folder(path: Path) -> None:
-    """Remove a folder with what is in it, if it is there; of a link to one, both."""
-    if path.exists():
-        shutil.rmtree(followed(path))
-    if path.is_symlink():
-        path.unlink()
 
 
 def _fresh(path: Path) -> Path:

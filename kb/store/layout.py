@@ -177,11 +177,6 @@ class Layout:
         return self.root / "pairs"
 
     @property
-    def pairing(self) -> Path:
-        """Pairs on their way, a folder for each set of transcripts and rules."""
-        return self.state_folder("pairs")
-
-    @property
     def scoring(self) -> Path:
         """Scores of pairs, a file for each video."""
         return self.state_folder("scores")
@@ -197,11 +192,6 @@ class Layout:
     @property
     def links(self) -> Path:
         return self.root / "links"
-
-    @property
-    def linking(self) -> Path:
-        """Links on their way, a folder for each set of texts and keywords."""
-        return self.state_folder("links")
 
     def table(self, name: str) -> Path:
         """The folder of a declared table's rows: "youtube/videos", "pairs/pairs"."""

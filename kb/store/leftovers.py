@@ -19,7 +19,7 @@ from kb.store.walk import walk
 SPILL = ".duckdb"  # and the process: what DuckDB spilled (kb.store.tables.database)
 PART = ".part"  # of a segment or download that is not complete: `.NAME.part`
 _FILE = re.compile(r"\..+\.(tmp|filled\.parquet)|\.filled\.parquet")
-_FOLDER = re.compile(r"\.(?P<name>.+)\.(new|old)|\.(sort|shot)-.+")
+_FOLDER = re.compile(r"\.(?P<name>.+)\.(new|old)|\..+\.gone|\.(sort|shot)-.+")
 
 
 def is_left(parts: Iterable[str]) -> bool:

@@ -25,7 +25,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import freshness, manifest
+from kb.artifacts import domain_binding, freshness, manifest
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import FatalError
@@ -36,7 +36,6 @@ from kb.pairs import keywords
 from kb.pairs.transcript_batch import Text
 from kb.schema.tables import table
 from kb.store.layout import Layout
-from kb.store.lock import writer
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 from kb.store.tables.shard_writer import sorted_shards, write_table
@@ -64,7 +63,7 @@ def build(run: Run, playlists: Mapping[str, str]) -> Summary:
     check(run)
     topics = profile.youtube.words if profile.youtube else ()
     names = [one.name for one in keywords.load(profile).every] if profile.pairs else []
-    with writer(run.root, "tasks"):
+    with domain_binding.writing(run, "tasks"):
         if not (run.again or freshness.reasons(run, "tasks")):
             run.progress.say("tasks are up to date")
             return _summary(run.root)

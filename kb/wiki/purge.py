@@ -3,9 +3,9 @@
 import hashlib
 from collections.abc import Collection
 
-from kb.artifacts.purge import Purge, PurgeRules
+from kb.artifacts.purge import Purge, PurgeRules, with_named
 from kb.artifacts.purge_named import KNOWN, NAMED, UNKNOWN
-from kb.artifacts.purge_raw import Names
+from kb.artifacts.purge_raw import AnswerRules, Names
 from kb.artifacts.purge_rows import location_of, shared_locations
 from kb.store.layout import BELOW
 from kb.store.rawlog import rawlog, sidefiles
@@ -19,9 +19,10 @@ _PURGED = "purged titles"  # cursor of the frontier
 
 
 def find(purge: Purge) -> dict[str, str]:
-    """Pages that the wiki deleted or moved."""
+    """What the user named, and pages that the wiki deleted or moved."""
     skipped = purge.frontier.items("pages", "skipped")
-    return {key: str(reason) for key, _, reason, _ in skipped if reason in LEFT}
+    left = {key: str(reason) for key, _, reason, _ in skipped if reason in LEFT}
+    return with_named(look_up(purge), left)
 
 
 def look_up(purge: Purge) -> dict[str, str]:
@@ -119,11 +120,7 @@ RULES = PurgeRules(
         *(location_of(name, "page_id") for name in ("wiki/pages", *tables.PARTS)),
         *shared_locations("wiki"),
     ),
-    exact=("renders",),
-    look_up=look_up,
+    answers=AnswerRules(texts=any_answer, names=names),
     find=find,
-    texts=any_answer,
-    names=names,
     forget=forget,
-    in_order=True,
 )

@@ -8,8 +8,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from kb.artifacts.measures import count_pairs, read_measures
-from kb.artifacts.purge import Purge, PurgeRules
+from kb.artifacts.purge import Purge, PurgeRules, by_presence, with_named
 from kb.artifacts.purge_people import PeopleRules, Theirs, in_rows
 from kb.artifacts.purge_raw import over_segments
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
@@ -18,9 +17,6 @@ from kb.store.rawlog import rawlog
 from kb.youtube.crawl.ids import RULES as IDS
 from kb.youtube.crawl.reduce import (
     CHANNELS,
-    RAW_SECOND_TRACKS,
-    RAW_STATISTICS,
-    RAW_TRANSCRIPTS,
     RAW_VIDEOS,
     REFRESH,
     SECOND_TRACKS,
@@ -97,16 +93,10 @@ PEOPLE = PeopleRules(
 
 
 def find(purge: Purge) -> dict[str, str]:
-    """Videos that the API no longer returns ("vanished")."""
+    """What the user named, and videos that the API no longer returns ("vanished")."""
     read = newest(purge.root, RAW_VIDEOS)
-    return dict.fromkeys((key for key, last in read.items() if not last.there), "vanished")
-
-
-def repair(purge: Purge) -> None:
-    """Count the pairs again that are left."""
-    folder = Layout(purge.root).pairs
-    if samples := read_measures(folder):
-        count_pairs(purge.root, folder, samples)
+    vanished = dict.fromkeys((key for key, last in read.items() if not last.there), "vanished")
+    return with_named(by_presence(purge), vanished)
 
 
 def forget(purge: Purge) -> None:
@@ -123,8 +113,7 @@ RULES = PurgeRules(
     rows=(
         *(location_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
         location_of("pairs/pairs", "video_id"),
-        # A pair whose first copy goes has no figures until the next `kb pairs`.
-        *(location_of("pairs/quality", name) for name in ("video_id", "duplicate_video_id")),
+        location_of("pairs/quality", "video_id"),
         location_of("pairs/scores", "video_id"),
         *(location_of(f"tasks/{name}", "video_id") for name in ("tasks", "titles")),
         location_of("open-text/open_text", "video_id"),
@@ -138,9 +127,7 @@ RULES = PurgeRules(
         RowLocation(str(BELOW.restored("pairs")), "pairs/pairs", "video_id"),
     ),
     items=(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS),
-    exact=(RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS, RAW_SECOND_TRACKS),
     find=find,
     forget=forget,
-    repair=repair,
     people=PEOPLE,
 )

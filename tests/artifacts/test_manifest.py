@@ -9,11 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import manifest
-from kb.core.config.pipeline import load, locate
+from kb.artifacts.makers import make_and_export
 from kb.core.errors import DamagedData, KbError, ReleaseRefused
 from kb.export import layouts, minedojo
 from kb.filters.filter_run import run_clean
-from kb.pairs.build import build
 from kb.query import connect
 from kb.release.build import exported, release
 from kb.store import lock
@@ -42,7 +41,7 @@ def one(folder: Path) -> Path:
 
 
 def pairs(root: Path, **options: bool) -> object:
-    return load(str(locate("pairs", None))).pairs(replace(run_at(root), **options), "parquet")
+    return make_and_export(replace(run_at(root), **options), "pairs")
 
 
 READERS = {
@@ -50,7 +49,6 @@ READERS = {
     "minedojo": lambda root: minedojo.youtube(run_at(root)),
     "pairs": pairs,
     "query": connect,
-    "purge": lambda root: full_root.purge(root, full_root.GONE),
 }
 
 
@@ -85,20 +83,16 @@ def test_a_damaged_manifest_is_an_error(root: Path, content: str) -> None:
     assert told.value.hint == "run `kb youtube filter` again"
 
 
-def test_pairs_that_lost_a_shard_are_made_again_as_the_line_says(root: Path) -> None:
+def test_pairs_that_lost_a_shard_are_made_again(root: Path) -> None:
     folder = root / "pairs"
     whole = {path.name: path.read_bytes() for path in folder.glob("*.parquet")}
-    one(folder).unlink()
-    for read in (pairs, lambda root: layouts.write_parquet(run_at(root), "pairs")):
-        with pytest.raises(KbError) as told:
-            read(root)
-        assert "kb pairs" in told.value.hint
-    pairs(root, again=True)
-    assert whole == {path.name: path.read_bytes() for path in folder.glob("*.parquet")}
-    one(folder).rename(folder / "pairs-00001-of-00002.parquet")
-    with pytest.raises(DamagedData, match="is missing") as told:
-        build(run_at(root))
-    assert told.value.hint == "run `kb pairs --again`"
+    for lose in (Path.unlink, lambda path: path.rename(folder / "pairs-00001-of-00002.parquet")):
+        lose(one(folder))
+        with pytest.raises(DamagedData, match="is missing") as told:
+            layouts.write_parquet(run_at(root), "pairs")
+        assert told.value.hint == "run `kb pairs --again`"
+        pairs(root)
+        assert whole == {path.name: path.read_bytes() for path in folder.glob("*.parquet")}
 
 
 def test_a_missing_release_folder_is_never_passed_over(root: Path) -> None:

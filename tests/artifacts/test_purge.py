@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from kb.artifacts import purge
 from kb.artifacts.purge_raw import Matcher, changed_frames, rewrite_segment, strip_by_schema
 from kb.artifacts.purge_rows import RowLocation, drop_rows
-from kb.core.config.pipeline import load, locate
-from kb.core.errors import DamagedData, SettingError
+from kb.core.config.pipeline import Recipe
+from kb.core.errors import DamagedData, FatalError, SettingError
 from kb.core.progress import LineProgress
 from kb.core.sources import SOURCES
+from kb.crawl.purge import dry_purge
 from kb.filters.filter_run import run_clean
 from kb.reddit.purge import texts
 from kb.store.layout import Layout
@@ -44,9 +45,9 @@ def test_a_dry_run_includes_what_an_interrupted_purge_left(tmp_path: Path) -> No
     put(tmp_path, "videos", (MONDAY, {"id": "a,b,c"}, listing(video("a"), video("b"))))
     path = Layout(tmp_path).purge("youtube")
     path.parent.mkdir(exist_ok=True)
-    path.write_text('{"a": "named"}')
+    path.write_text('{"keys": {"a": "named"}}')
     before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
-    with purge.dry_purge(run_at(tmp_path), SOURCES["youtube"].purge_rules(), None) as dry:
+    with dry_purge(run_at(tmp_path), SOURCES["youtube"].purge_rules(), None) as dry:
         assert dry.keys == {"a": "named", "c": "vanished"}
         (line,) = purge.answers(dry)
     assert (line.folder, line.count) == ("raw/youtube/videos", 1)
@@ -87,10 +88,10 @@ def test_each_id_of_youtube_is_told_apart(root: Path, filtered: bool) -> None:
         "KilnRoad",
     )
     # What was asked for in vain goes with every purge.
-    assert purged(run, "youtube", *lines) == (3, 0, 1, 2)
+    assert purged(run, "youtube", *lines) == (2, 1, 0, 1, 2)
     assert tombstones.keys(root, "youtube") == {VIDEO, LISTED, ASKED, NEVER}
-    assert purged(run, "youtube", *lines) == (0, 3, 0, 2)
-    assert purged(run, "youtube", OTHER, ASKED, NEVER) == (1, 2, 0, 0)
+    assert purged(run, "youtube", *lines) == (0, 0, 3, 0, 2)
+    assert purged(run, "youtube", OTHER, ASKED, NEVER) == (1, 0, 2, 0, 0)
 
 
 def test_what_only_tables_hold_was_there(root: Path) -> None:
@@ -99,7 +100,10 @@ def test_what_only_tables_hold_was_there(root: Path) -> None:
     for segment in root.glob("raw/youtube/*/*.zst"):
         segment.unlink()
     (root / "state" / "youtube.sqlite").unlink(missing_ok=True)
-    assert purged(run, "youtube", VIDEO, LISTED, NEVER) == (1, 0, 2, 0)
+    with pytest.raises(FatalError, match="clean/youtube failed: nothing to filter") as error:
+        purged(run, "youtube", VIDEO, LISTED, NEVER)
+    assert [(error.value.summary or {})[name] for name in COUNTS] == [1, 0, 0, 2, 0]
+    assert not list(root.glob("clean/**/*.parquet"))  # gone all the same
 
 
 def test_a_list_that_names_no_item_changes_nothing(root: Path, tmp_path: Path) -> None:
@@ -108,7 +112,7 @@ def test_a_list_that_names_no_item_changes_nothing(root: Path, tmp_path: Path) -
     before = sorted(root.rglob("*"))
     for command in ("purge", "plan"):
         with pytest.raises(SettingError, match=r"https://vimeo\.com/watch\?v=PotteryVi01") as error:
-            getattr(load(str(locate("purge"))), command)(run_at(root), "youtube", ids)
+            Recipe("purge").defined(command)(run_at(root), "youtube", ids)
         assert error.value.exit_code == 2
     assert sorted(root.rglob("*")) == before
 
@@ -132,7 +136,7 @@ def test_an_interrupted_purge_says_in_the_end_what_it_would_have_said(
     purged(run_at(root), "youtube", OTHER)
     ids = tmp_path / "ids.txt"
     ids.write_text(f"{VIDEO}\n{OTHER}\n{NEVER}\n")
-    room = load(str(locate("purge")))
+    room = Recipe("purge")
 
     def stop(*arguments: object) -> None:
         raise KeyboardInterrupt
@@ -140,11 +144,11 @@ def test_an_interrupted_purge_says_in_the_end_what_it_would_have_said(
     with monkeypatch.context() as patch:
         patch.setattr(purge, "finish", stop)
         with pytest.raises(KeyboardInterrupt):
-            room.purge(run_at(root), "youtube", ids)
+            room.defined("purge")(run_at(root), "youtube", ids)
     assert Layout(root).purge("youtube").exists()
     for command in ("plan", "purge"):
-        summary = getattr(room, command)(run_at(root), "youtube", ids)
-        assert [summary[name] for name in COUNTS] == [1, 1, 1, 0]
+        summary = room.defined(command)(run_at(root), "youtube", ids)
+        assert [summary[name] for name in COUNTS] == [1, 0, 1, 1, 0]
 
 
 keys = st.text(min_size=1, max_size=4) | st.sampled_from(["a", "é", 'q"', "b\\c", "7", "x/y", "\n"])

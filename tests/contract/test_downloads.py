@@ -126,7 +126,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
     return {**clean_environment(), **cache}
 
 
-@pytest.mark.parametrize("name", [*WRITING, *MAKING])
+@pytest.mark.parametrize("name", [*WRITING, *sorted(MAKING)])
 @pytest.mark.usefixtures("unchanged")
 def test_a_command_that_writes_refuses_a_download(name: str, above: Path, typed: Any) -> None:
     for place in (above, above / "pairs"):

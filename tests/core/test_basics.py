@@ -15,7 +15,7 @@ from kb.core.context import Run
 from kb.core.errors import KbError, ProfileError, SettingError
 from kb.core.installation import making
 from kb.core.licences import KNOWN, licence
-from kb.core.sources import BY_DEFAULT, PUBLISHED, SOURCES, exported_by, made_by, made_of
+from kb.core.sources import BY_DEFAULT, PUBLISHED, SOURCES, made_of
 from kb.core.summary import Summary, wilson_interval
 from kb.core.summary.plan import PlanPart, PlanPhase, join, to_read
 from kb.core.templates import environment
@@ -175,10 +175,6 @@ def test_what_is_made_from_sources() -> None:
     assert made_of("wiki") == ("wiki",)
     assert (*SOURCES, "pairs", "tasks", "links") == BY_DEFAULT
     assert (*BY_DEFAULT, "open-text") == tuple(PUBLISHED)
-    assert (made_by("wiki"), exported_by("wiki")) == ("kb wiki filter", "kb wiki export")
-    assert (made_by("pairs"), exported_by("links")) == ("kb pairs", "kb links")
-    youtube = ("kb youtube filter", "kb youtube export")
-    assert (made_by("open-text"), exported_by("open-text")) == youtube
 
 
 def test_what_is_left_in_the_order_of_work() -> None:

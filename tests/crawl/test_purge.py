@@ -23,10 +23,9 @@ def test_purge_keeps_both_sides_of_a_damaged_frame(job: Job) -> None:
     gone = job.place / "gone.txt"
     gone.write_text(video_of(named) + "\n")
     said = job.stopped("purge", "youtube", "--ids", str(gone), code=1)
-    aside = path.with_name(f"{path.name}.damaged-{start}")
-    assert aside.name in said
+    assert f"{end - start:,} bytes at {start:,} can't be read" in said
     assert f"transcripts {video_of(line)}" in said
-    assert aside.stat().st_size == end - start
+    assert not damaged_answers.quarantined_files(job.root, "youtube")  # any key may be in them
     left = {video_of(line) for _, _, line in frames(path)}
     vanished = {
         row["key"] for row in job.rows("SELECT key FROM youtube_tombstones WHERE reason <> 'named'")

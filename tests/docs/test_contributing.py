@@ -11,6 +11,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
+from kb.artifacts.graph_view import declared
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
@@ -76,6 +77,17 @@ def test_what_is_named_is_there() -> None:
                 assert list(ROOT.glob(pattern.rstrip("/"))), f"{name}: no {pattern}"
         elif name.startswith("kb."):
             assert resolved(name), f"{name} is not there"
+
+
+def test_the_page_has_the_graph_as_it_is() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = page.partition("| artifact | made from |")[2].partition("\n\n")[0].splitlines()[2:]
+    rows = [[re.findall(r"`([^`]+)`", cell) for cell in row.split("|")[1:-1]] for row in table]
+    assert rows == [
+        [[node.artifact], list(node.inputs), [node.recipe], [node.command]]
+        for node in declared(load_profile("minecraft"))
+    ]
+    assert all((ROOT / recipe).is_file() for _, _, (recipe,), _ in rows)
 
 
 def resolved(name: str) -> bool:

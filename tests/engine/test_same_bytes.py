@@ -14,8 +14,9 @@ import zstandard
 
 from kb.annotate import toxicity
 from kb.annotate.toxicity import ToxicityScorer
+from kb.artifacts.makers import make_and_export
 from kb.core import clock
-from kb.core.config import pipeline
+from kb.core.config.pipeline import Recipe
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
@@ -91,7 +92,7 @@ def youtube(run: Run, given: Path) -> None:
     summary = run_clean(run, "youtube")
     assert summary["kept"] > 10
     assert summary["rejected"] > 20
-    pipeline.load(str(pipeline.locate("youtube"))).export(run, "parquet")
+    Recipe("youtube").defined("export")(run, "parquet")
 
 
 def wiki(run: Run, given: Path) -> None:
@@ -115,7 +116,7 @@ def score(run: Run, given: Path) -> None:
 
 
 def pairs(run: Run, given: Path) -> None:
-    made = pipeline.load(str(pipeline.locate("pairs"))).pairs(run, "parquet")
+    made = make_and_export(run, "pairs")
     assert made["videos"] == 80
     assert made["pairs"] > 100
 

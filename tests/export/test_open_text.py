@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
-from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.export import layouts, open_text
 from kb.release.build import release
@@ -173,21 +172,6 @@ def test_the_card_says_what_may_be_done_and_what_is_not_certain(root: Path, run:
     assert json.loads((folder / "zenodo.json").read_text())["metadata"]["license"] == "cc-by-3.0"
     data = kb.load(folder)
     assert data["open_text"].to_pylist(["video_id"]) == [{"video_id": key} for key in OPEN]
-
-
-def test_a_purged_video_leaves_it(root: Path, run: Run, tmp_path: Path) -> None:
-    layouts.export(run, "youtube")
-    layouts.export(run, "open-text")
-    release(run)
-    ids = tmp_path / "ids"
-    ids.write_text(f"{OPEN[1]}\n")
-    load(str(locate("purge"))).purge(run, "youtube", ids)
-    folder = root / "release/open-text"
-    assert not [path for path in folder.glob("*.parquet") if OPEN[1].encode() in path.read_bytes()]
-    data = kb.load(folder)
-    assert [row["video_id"] for row in data["open_text"].to_pylist()] == [OPEN[0], *OPEN[2:]]
-    assert data["open_text_tombstones"].to_pylist(["key"]) == [{"key": OPEN[1]}]
-    release(run)
 
 
 def test_without_any_such_video_there_is_no_folder(root: Path, run: Run) -> None:

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.core.config.pipeline import load, locate
+from kb.artifacts.makers import make_and_export
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
@@ -49,7 +49,7 @@ def run(tmp_path_factory, make_rows) -> Run:
 
 
 def _export(run: Run, layout: str) -> Path:
-    return Path(load(str(locate("pairs"))).pairs(run, layout)["export"])
+    return Path(make_and_export(run, "pairs", layout)["export"])
 
 
 def _pairs(run: Run) -> list[dict]:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from kb.core.config.pipeline import load, locate
+from kb.core.config.pipeline import Recipe
 from kb.export import layouts, minedojo
 from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
@@ -38,4 +38,4 @@ def purge(root: Path, *keys: str) -> None:
     """`kb purge youtube --ids`."""
     ids = root.parent / f"{root.name}.txt"
     ids.write_text("".join(f"{key}\n" for key in keys))
-    load(str(locate("purge", None))).purge(run_at(root), "youtube", ids)
+    Recipe("purge").defined("purge")(run_at(root), "youtube", ids)

@@ -1,6 +1,7 @@
 """Raw answers of YouTube by hand, and a run of the filter on them."""
 
 import hashlib
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,10 @@ def transcript(key: str, outcome: str = "ok", **change: Any) -> tuple[str, dict[
 
 def run_at(root: Path, workers: int = 1, pipeline: Path | None = None, **youtube: Any) -> Run:
     profile = load_profile("minecraft")
+    if pipeline is not None:  # beside a profile that names it
+        place = shutil.copytree(profile.path.parent, pipeline.parent, dirs_exist_ok=True)
+        profile = load_profile(place / "profile.toml", named=True)
+        youtube["pipeline"] = pipeline.name
     changed = profile.youtube.model_copy(update=youtube)
     toxicity = profile.toxicity.model_copy(update={"toxicity": "off"})
     return Run(
@@ -96,7 +101,6 @@ def run_at(root: Path, workers: int = 1, pipeline: Path | None = None, **youtube
         profile=profile.model_copy(update={"youtube": changed, "toxicity": toxicity}),
         root=root,
         workers=workers,
-        pipeline=str(pipeline) if pipeline else None,
     )
 
 

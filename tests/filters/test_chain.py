@@ -11,10 +11,10 @@ from tests.filters.made import TUESDAY, listing, put, rows, run_at, video
 MINE = '''
 from dataclasses import replace
 from pathlib import Path
-from kb.core.config import pipeline
+from kb.core.config.pipeline import Recipe
 from kb.filters.predicates import AtLeast, AtMost
 
-shipped = pipeline.load(str(pipeline.locate("youtube")))
+shipped = Recipe("youtube")
 
 
 class Scorer:
@@ -35,7 +35,7 @@ class Scorer:
 
 
 def clean(p):
-    spec = shipped.clean(p)
+    spec = shipped.defined("clean")(p)
     chain = spec.chains[0]
     title = AtMost("toxicity_title", 0.31, stage="toxicity", null_passes=True)
     stages = (*chain.stages[:-3], title, *chain.stages[-3:])
@@ -87,7 +87,7 @@ def test_a_pipeline_of_one_s_own_with_scores(root: Path, tmp_path: Path) -> None
 
 
 def test_a_pipeline_that_is_not_there_or_wrong(root: Path, tmp_path: Path) -> None:
-    with pytest.raises(SettingError, match="no pipeline file"):
+    with pytest.raises(SettingError, match="can't be read"):
         run_clean(run_at(root, pipeline=tmp_path / "nothing.py"), "youtube")
     wrong = tmp_path / "wrong.py"
     wrong.write_text(MINE.replace('AtMost("toxicity_title"', 'AtMost("toxicity_titel"'))

@@ -12,9 +12,10 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
-from kb.core.config.pipeline import load, locate
+from kb.artifacts.makers import make_and_export
+from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
-from kb.core.errors import DamagedData, WriterLocked
+from kb.core.errors import WriterLocked
 from kb.core.progress import Progress
 from kb.links import build as building
 from kb.query import connect
@@ -27,7 +28,6 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.tables import parquet, shard_writer
 from kb.store.tables.shard_writer import write_table
 from kb.verify.root import verify
-from kb.wiki.parse.answers import named_pages
 from tests.inprocess import Here
 from tests.links import made
 
@@ -68,7 +68,7 @@ def test_the_tables(run: Run) -> None:
         source: sum(row["source"] == source for row in found)
         for source in ("youtube", "wiki", "reddit")
     }
-    assert not list(Layout(run.root).linking.glob("*"))
+    assert not list(run.root.glob("links/.*"))
 
 
 def _row(entity: str, key: str, part: str, how: str, count: int) -> dict[str, Any]:
@@ -97,28 +97,16 @@ def test_workers_and_file_layout_change_no_byte_of_the_tables(run: Run) -> None:
     assert second == first
 
 
-def test_only_what_changed_is_read_again(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_links_are_made_again_only_of_other_texts(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made.links(run, NAMES)
-    asked: list[str] = []
-    real = building.make_part
-
-    def noted(folder: str, name: str, path: str, table: str) -> dict[str, int]:
-        asked.append(table)
-        return real(folder, name, path, table)
-
-    monkeypatch.setattr(building, "make_part", noted)
-    made.links(run, NAMES)
-    assert asked == []
+    with monkeypatch.context() as patch:
+        patch.setattr(building, "make_part", None)  # nothing is read again
+        made.links(run, NAMES)
     made.fill(run.root, comments=["wolf"], posts=[("Creeper", "", [])])
     made.links(run, NAMES)
-    assert sorted(asked) == ["reddit/comments", "reddit/posts"]
-    taken = bytes_of(run.root)
-    asked.clear()
-    made.links(run)  # the wiki's names are others
-    assert sorted(asked) == ["wiki/elements", "wiki/pages"]
-    assert bytes_of(run.root) != taken
-    made.links(replace(run, again=True), NAMES)
-    assert bytes_of(run.root) == taken
+    assert any(row["source"] == "reddit" for row in made.rows(run.root))
     # A source whose clean tables are gone leaves the links too.
     shutil.rmtree(run.root / "clean" / "wiki")
     made.links(run)
@@ -126,45 +114,19 @@ def test_only_what_changed_is_read_again(run: Run, monkeypatch: pytest.MonkeyPat
     assert all(row["wiki_page_id"] is None for row in made.rows(run.root, "entities"))
 
 
-def test_a_run_that_was_cut_off_goes_on(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    made.links(run, NAMES)
-    whole = bytes_of(run.root)
-    shutil.rmtree(run.root / "links")
-    real = building.make_part
-    done: list[str] = []
-
-    def stopping(folder: str, name: str, path: str, table: str) -> dict[str, int]:
-        if len(done) == 3:
-            raise KeyboardInterrupt
-        done.append(name)
-        return real(folder, name, path, table)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(building, "make_part", stopping)
-        with pytest.raises(KeyboardInterrupt):
-            made.links(run, NAMES)
-    assert not (run.root / "links").exists()
-    monkeypatch.setattr(building, "make_part", lambda *task: (done.append(task[1]), real(*task))[1])
-    made.links(run, NAMES)
-    assert len(done) == len(set(done)) == 6
-    assert bytes_of(run.root) == whole
-
-
 def test_a_lost_or_damaged_file_is_told_and_mended(run: Run) -> None:
     made.links(run, NAMES)
     (path,) = Layout(run.root).rows("links/entities")
     path.unlink()
-    with pytest.raises(DamagedData, match="entities-00000-of-00001"):
-        made.links(run, NAMES)
     assert [(one.kind, one.state, one.path) for one in verify(run.root, Progress()).entries] == [
         ("links", "missing", path)
     ]
-    made.links(replace(run, again=True), NAMES)
+    made.links(run, NAMES)
     assert not verify(run.root, Progress()).entries
     path.write_bytes(path.read_bytes()[:-40])
     (one,) = verify(run.root, Progress()).entries
     assert (one.kind, one.state, one.advice) == ("links", "damaged", "run `kb links --again`")
-    said = load(str(locate("verify"))).repair(run)[1]
+    said = Recipe("verify").defined("repair")(run)[1]
     assert said == ["`kb links --again` was run"]
     assert not verify(run.root, Progress()).entries
 
@@ -186,7 +148,7 @@ def test_one_writer_and_no_filter_meanwhile(run: Run) -> None:
 
 
 def test_every_pair_has_its_link(run: Run) -> None:
-    load(str(locate("pairs"))).pairs(run, "parquet")
+    make_and_export(run, "pairs")
     made.links(run, NAMES)
     with connect(run.root) as con:
         pairs = con.execute("SELECT count(*) FROM pairs").fetchone()
@@ -199,109 +161,6 @@ def test_every_pair_has_its_link(run: Run) -> None:
     assert joined is not None
     assert joined[0] == pairs[0] > 5
     assert joined[1] == 0  # never later than the pair, and the first pair's own second
-
-
-@pytest.mark.parametrize(
-    ("source", "key", "gone", "rows"),
-    [
-        ("youtube", SECRET, SECRET, 5),
-        ("reddit", "t1_c2", "t1_c2", 1),
-        ("reddit", "t3_p0", "t3_p0", 5),
-        ("wiki", "10", None, 3),
-    ],
-)
-def test_a_purge_leaves_no_byte(
-    run: Run, here: Here, tmp_path: Path, source: str, key: str, gone: str | None, rows: int
-) -> None:
-    at = ("--data", str(run.root), "--profile", str(run.profile.path))
-    ids = tmp_path / "ids.txt"
-    ids.write_text(key)
-    assert here("links", *at).code == 0
-    assert here("release", *at).code == 0
-    planned = here("purge", source, "--ids", str(ids), "--plan", "--json", *at)
-    plan = json.loads(planned.out.splitlines()[-1])
-    if source != "wiki":  # whose plan counts what was crawled, and here is no crawl
-        assert plan["links"] == rows
-        assert {"folder": "release/links", "what": "links/links", "count": rows} in plan["lines"]
-    before = len(made.rows(run.root))
-    done = here("purge", source, "--ids", str(ids), "--workers", "1", *at)
-    assert done.code == 0, done.err
-    left = made.rows(run.root)
-    with_it = 3 if key == "t3_p0" else 0  # its comments
-    assert len(left) == before - rows - with_it > 10
-    assert not [row for row in left if (row["source"], row["key"]) == (source, key)]
-    if gone is None:  # the page's id is short: its rows, and who had it for a page
-        assert all(row["wiki_page_id"] != 10 for row in made.rows(run.root, "entities"))
-    else:
-        folders = (run.root / "links", run.root / "release" / "links", run.root / "state" / "links")
-        files = [path for folder in folders for path in folder.rglob("*") if path.is_file()]
-        held = [path for path in files if "tombstones" not in path.name]
-        assert not [path for path in held if gone.encode() in _plain(path)]
-    kept = bytes_of(run.root)
-    made.links(replace(run, again=True), named_pages(run.root))
-    assert bytes_of(run.root) == kept
-    assert here("release", *at).code == 0
-    assert not verify(run.root, Progress()).entries
-
-
-def _plain(path: Path) -> bytes:
-    """A file's bytes, and what is compressed in it."""
-    if path.suffix != ".parquet":
-        return path.read_bytes()
-    return path.read_bytes() + json.dumps(pq.read_table(path).to_pylist()).encode()
-
-
-def test_a_purge_clears_what_a_killed_run_had_read(run: Run, here: Here, tmp_path: Path) -> None:
-    left = run.root / "state" / "links" / "0123" / "youtube.videos.part-00000.parquet"
-    left.parent.mkdir(parents=True)
-    left.write_text(SECRET)
-    (tmp_path / "ids.txt").write_text(SECRET)
-    at = ("--data", str(run.root), "--profile", str(run.profile.path))
-    done = here("purge", "youtube", "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
-    assert done.code == 0, done.err
-    assert not left.exists()
-    assert not (run.root / "links").exists()  # nobody had made any
-
-
-def test_tables_that_a_purge_cannot_make_again_do_not_stay(
-    run: Run, here: Here, tmp_path: Path
-) -> None:
-    at = ("--data", str(run.root), "--profile", str(run.profile.path))
-    assert here("links", *at).code == 0
-    run.profile.resolve_file("keywords.tsv").unlink()
-    (tmp_path / "ids.txt").write_text(SECRET)
-    done = here("purge", "youtube", "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
-    assert done.code == 0, done.err
-    assert "the entity tables were removed: the keyword list" in done.err
-    assert not (run.root / "links").exists()
-    assert not (run.root / "release" / "links").exists()
-
-
-def test_a_purge_of_one_source_leaves_the_same_key_of_another(run: Run, here: Here) -> None:
-    """Ids of videos are any eleven signs, those of pages any number."""
-    made.fill(run.root, pages=[("Creeper", ["a creeper"])])
-    at = ("--data", str(run.root), "--profile", str(run.profile.path))
-    (pages,) = Layout(run.root).rows("wiki/pages")
-    (elements,) = Layout(run.root).rows("wiki/elements")
-    for path, name in ((pages, "wiki/pages"), (elements, "wiki/elements")):
-        held = parquet.read_table(path)
-        ids = pa.array([12345678901] * held.num_rows)
-        write_table(path, held.set_column(0, held.schema.field(0), ids), name)
-    (videos,) = Layout(run.root).rows("youtube/videos")
-    (spoken,) = Layout(run.root).rows("youtube/transcripts")
-    for path, name in ((videos, "youtube/videos"), (spoken, "youtube/transcripts")):
-        held = parquet.read_table(path).slice(0, 1)
-        ids = pa.array(["12345678901"])
-        write_table(path, held.set_column(0, held.schema.field(0), ids), name)
-    assert here("links", *at).code == 0
-    ids_file = run.root.parent / "ids.txt"
-    ids_file.write_text("12345678901")
-    assert here("purge", "youtube", "--ids", str(ids_file), "--workers", "1", *at).code == 0
-    assert {row["source"] for row in made.rows(run.root)} == {"wiki", "reddit"}
-    assert [row["key"] for row in made.rows(run.root) if row["source"] == "wiki"] == [
-        "12345678901",
-        "12345678901",
-    ]
 
 
 def test_status_tells_that_links_are_older(run: Run, here: Here) -> None:
@@ -345,7 +204,6 @@ def test_leftovers_of_a_killed_run_go_with_the_next(run: Run) -> None:
     left = [
         run.root / ".links.new" / "links-00000-of-00001.parquet",
         run.root / "links" / ".links-00000-of-00001.parquet.1-2-abc.tmp",
-        run.root / "state" / "links" / "0123456789abcdef" / "plan.json",
     ]
     for path in left:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -7,16 +7,15 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import manifest
+from kb.artifacts.makers import make_and_export
 from kb.artifacts.measures import read_measures, write_measure
-from kb.core.config.pipeline import load, locate
 from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
-from kb.core.errors import FatalError, LimitReached, ProfileError, SettingError
+from kb.core.errors import FatalError, ProfileError, SettingError
 from kb.pairs import build as building
+from kb.pairs.restore import refill
 from kb.store.layout import Layout
 from tests.pairs.made import PHRASES, fill, shards, tables
-
-pipeline = load(str(locate("pairs")))
 
 
 def _bytes(folder: Path) -> dict[str, bytes]:
@@ -24,7 +23,7 @@ def _bytes(folder: Path) -> dict[str, bytes]:
 
 
 def test_the_whole_job(run: Run) -> None:
-    summary = pipeline.pairs(run, "parquet")
+    summary = make_and_export(run, "pairs")
     rows = pq.read_table(shards(run.root / "pairs"))
     assert summary["videos"] == 60
     assert summary["pairs"] == rows.num_rows > 100
@@ -42,63 +41,49 @@ def test_the_whole_job(run: Run) -> None:
     assert made is not None
     counts = made.figures["keywords"]
     assert sum(hits["matches"] for hits in counts.values()) == summary["matches"]
-    assert not list((run.root / "state" / "pairs").iterdir())
+    assert not list(run.root.glob("pairs/.*"))
 
 
 def test_transcripts_that_a_killed_filter_had_moved_away_come_back(run: Run) -> None:
     clean = Layout(run.root).clean("youtube")
     clean.rename(clean.with_name(".youtube.old"))  # killed between the two renames
-    assert pipeline.pairs(run, "parquet")["videos"] == 60
+    assert make_and_export(run, "pairs")["videos"] == 60
     assert clean.is_dir()
 
 
 def test_workers_cuts_and_file_layout_change_no_byte(
     run: Run, data, make_rows, monkeypatch
 ) -> None:
-    pipeline.pairs(run, "parquet")
+    make_and_export(run, "pairs")
     first = _bytes(run.root / "pairs") | {"released": _bytes(run.root / "release" / "pairs")}
     other = replace(run, root=run.root.with_name("other"), workers=2)
     fill(other.root, *data, make_rows, files=3)
     monkeypatch.setattr(building, "_ROWS", 7)
-    pipeline.pairs(other, "parquet")
+    make_and_export(other, "pairs")
     assert (
         _bytes(other.root / "pairs") | {"released": _bytes(other.root / "release" / "pairs")}
         == first
     )
 
 
-def test_a_limit_stops_and_the_next_run_goes_on(run: Run) -> None:
-    limited = replace(run, limit=25)
-    done = []
-    for _ in range(2):
-        with pytest.raises(LimitReached) as caught:
-            pipeline.pairs(limited, "parquet")
-        done.append(caught.value.summary["videos"])
-    assert pipeline.pairs(limited, "parquet")["videos"] == 60
-    assert done == [25, 50]
-    stopped = _bytes(run.root / "pairs")
-    pipeline.pairs(replace(run, again=True), "parquet")
-    assert _bytes(run.root / "pairs") == stopped
-
-
 def test_made_pairs_are_not_made_again_until_something_changes(run: Run, monkeypatch) -> None:
-    made = pipeline.pairs(run, "parquet")
+    made = make_and_export(run, "pairs")
 
     def fail(*_: object) -> None:
         raise AssertionError("worked again")
 
     with monkeypatch.context() as patch:
         patch.setattr(building, "make_part", fail)
-        assert pipeline.pairs(run, "minedojo")["pairs"] == made["pairs"]
+        assert make_and_export(run, "pairs", "minedojo")["pairs"] == made["pairs"]
     section = run.profile.pairs.model_copy(update={"max_pairs_per_video": 2})
-    fewer = pipeline.pairs(
-        replace(run, profile=run.profile.model_copy(update={"pairs": section})), "parquet"
+    fewer = make_and_export(
+        replace(run, profile=run.profile.model_copy(update={"pairs": section})), "pairs"
     )
     assert fewer["pairs"] <= 120 < made["pairs"]
 
 
 def test_more_videos_change_no_pair(run: Run, make_rows) -> None:
-    pipeline.pairs(run, "parquet")
+    make_and_export(run, "pairs")
     before = pq.read_table(shards(run.root / "pairs")).to_pylist()
     more = replace(run, root=run.root.with_name("more"))
     for seed, place in ((0, more.root), (500, more.root.with_name("rest"))):
@@ -117,7 +102,7 @@ def test_more_videos_change_no_pair(run: Run, make_rows) -> None:
         (more.root.with_name("rest") / f"clean/youtube/{table}/part-00000.parquet").rename(
             more.root / f"clean/youtube/{table}/part-00009.parquet"
         )
-    pipeline.pairs(more, "parquet")
+    make_and_export(more, "pairs")
     after = {row["pair_id"]: row for row in pq.read_table(shards(more.root / "pairs")).to_pylist()}
     assert len(after) > len(before)
     assert all(after[row["pair_id"]] == row for row in before)
@@ -126,47 +111,47 @@ def test_more_videos_change_no_pair(run: Run, make_rows) -> None:
 def test_transcripts_without_any_keyword_give_an_empty_index(run: Run, make_rows) -> None:
     none = replace(run, root=run.root.with_name("none"))
     fill(none.root, *tables(4, 60, ["xyzzy"]), make_rows)
-    assert pipeline.pairs(none, "parquet")["pairs"] == 0
+    assert make_and_export(none, "pairs")["pairs"] == 0
     assert pq.read_table(shards(none.root / "pairs")).num_rows == 0
 
 
 def test_measures_stay_while_the_rules_of_the_pairs_do(run: Run) -> None:
-    pipeline.pairs(run, "parquet")
+    make_and_export(run, "pairs")
     write_measure(run.root, "one", {"n": 1})
-    pipeline.pairs(replace(run, again=True), "parquet")
+    make_and_export(replace(run, again=True), "pairs")
     assert read_measures(run.root / "pairs")["one"] == {"n": 1}
     section = run.profile.section(Pairs).model_copy(update={"min_gap_s": 1.5})
     other = run.profile.model_copy(update={"pairs": section})
-    pipeline.pairs(replace(run, profile=other), "parquet")
+    make_and_export(replace(run, profile=other), "pairs")
     assert list(read_measures(run.root / "pairs")) == ["pairs"]
 
 
 def test_a_released_index_is_filled_again(run: Run) -> None:
-    pipeline.pairs(run, "parquet")
+    make_and_export(run, "pairs")
     whole = _bytes(run.root / "pairs")
     index = run.root / "release" / "pairs" / "pairs-00000-of-00001.parquet"
-    summary = pipeline.refill(run, index)
+    summary = refill(run, index)
     assert (summary["missing"], summary["differing"]) == (0, 0)
     assert summary["filled"] == summary["pairs"]
     assert _bytes(run.root / "pairs") == whole
 
 
 def test_texts_that_can_not_be_had_stay_null_and_are_counted(run: Run) -> None:
-    pipeline.pairs(run, "parquet")
+    make_and_export(run, "pairs")
     (run.root / "clean/youtube/transcripts/part-00001.parquet").unlink()
-    summary = pipeline.refill(run, run.root / "release" / "pairs")
+    summary = refill(run, run.root / "release" / "pairs")
     assert summary["missing"] == pq.read_table(shards(run.root / "pairs"))["text"].null_count > 0
     assert summary["filled"] + summary["missing"] == summary["pairs"]
     with pytest.raises(SettingError, match="no column 'pair_id'"):
-        pipeline.refill(run, run.root / "clean/youtube/videos/part-00000.parquet")
+        refill(run, run.root / "clean/youtube/videos/part-00000.parquet")
     with pytest.raises(SettingError, match="no index"):
-        pipeline.refill(run, run.root / "nowhere.parquet")
+        refill(run, run.root / "nowhere.parquet")
 
 
 def test_without_transcripts_or_section(run: Run) -> None:
     with pytest.raises(FatalError, match="no transcripts"):
-        pipeline.pairs(replace(run, root=run.root / "empty"), "parquet")
+        make_and_export(replace(run, root=run.root / "empty"), "pairs")
     with pytest.raises(ProfileError, match=r"\[pairs\]"):
-        pipeline.pairs(
-            replace(run, profile=run.profile.model_copy(update={"pairs": None})), "parquet"
+        make_and_export(
+            replace(run, profile=run.profile.model_copy(update={"pairs": None})), "pairs"
         )

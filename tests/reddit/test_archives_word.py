@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.core.config import pipeline
+from kb.core.config.pipeline import Recipe
 from kb.core.config.profile.products import Toxicity
 from kb.core.context import Run
 from kb.filters.filter_run import run_clean
@@ -153,7 +153,7 @@ def test_a_purge_takes_what_the_archive_says_is_gone(tmp_path: Path) -> None:
     records = [post("p", SEEN), comment("own", {**LATER, "removal_type": "deleted"}, body=SECRET)]
     import_dumps(off(tmp_path), [write(tmp_path / "RC_2024-04.zst", records)])
     assert any(SECRET in text for text in texts(tmp_path / "data").values())
-    purge = pipeline.load(str(pipeline.locate("purge"))).purge
+    purge = Recipe("purge").defined("purge")
     assert purge(off(tmp_path), "reddit", None)["purged"] == 1
     assert not [path for path, text in texts(tmp_path / "data").items() if SECRET in text]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from kb.core.config import pipeline
+from kb.core.config.pipeline import Recipe
 from kb.core.errors import SettingError
 from kb.reddit import purge
 from kb.reddit.crawl.importer import import_dumps
@@ -99,7 +99,8 @@ def traces(work: Work, *needles: str) -> list[str]:
 def test_a_person_leaves_every_file(theirs: tuple[Work, list[str]]) -> None:
     work, own = theirs
     job, person = work.job(), hash_of(work)
-    for words in ("reddit filter", "reddit export", "reddit export --format convokit", "links"):
+    exports = ("reddit export", "reddit export --format convokit")
+    for words in ("reddit filter", *exports, "links", "release"):
         job.done(*words.split())
     job.done("reddit", "reconstruct", "--out", str(Layout(work.root).reconstructed))
     job.done("index")
@@ -201,6 +202,7 @@ def test_whoever_collected_the_same_follows_the_released_tombstones(
     work.filter()
     work.export()
     work.purge(people=listed(work, NAME))
+    work.job().done("release")
     released = work.root / "release" / "reddit" / "tombstones.ndjson"
     assert other.purge(released)["unread"] == 0
     assert not traces(other, MARK, *(name[3:] for name in own))
@@ -272,7 +274,7 @@ def test_what_others_records_show_of_them_goes(tmp_path: Path) -> None:
         root = tmp_path / f"root-{later}"
         (tmp_path / "names").write_text(NAME)
         run = run_in(root)
-        purge = pipeline.load(str(pipeline.locate("purge"))).purge
+        purge = Recipe("purge").defined("purge")
         if later:
             root.mkdir()
             assert purge(run, "reddit", None, tmp_path / "names")["unknown"] == 1

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from kb.artifacts import purge_raw, purge_rows
-from kb.crawl.purge import purge_answers
+from kb.artifacts import purge_raw
+from kb.crawl.purge import remove_keys
 from kb.reddit.purge import RULES
 from kb.sandbox.invented_ids import ELSEWHERE
 from kb.sandbox.reddit.service import dumps
@@ -127,9 +127,9 @@ def test_a_purge_in_worker_processes_leaves_the_same(
     ids.write_text(f"t1_{comment}\nt3_{post}\n")
     shutil.copytree(tiny.root, tmp_path / "other")
     listed = RULES.read_ids(ids, None)
-    purge_answers(tiny.run(), RULES, listed)
+    remove_keys(tiny.run(), RULES, listed)
     monkeypatch.setattr(purge_raw, "_PARALLEL", 0)
-    purge_answers(tiny.run(root=tmp_path / "other", workers=2), RULES, listed)
+    remove_keys(tiny.run(root=tmp_path / "other", workers=2), RULES, listed)
     one, two = (texts(root / "raw") for root in (tiny.root, tmp_path / "other"))
     del one["reddit/tombstones.parquet"], two["reddit/tombstones.parquet"]
     assert one == two
@@ -142,25 +142,19 @@ def test_a_purge_that_was_cut_off_goes_on(tiny: Work, monkeypatch: pytest.Monkey
     ids = tiny.place / "ids"
     ids.write_text(f"t3_{post}")
     before = number_of_rows(tiny)
-    keep = purge_rows.keep_rows
-
-    def cut_off(*arguments: Any, **options: Any) -> int:
-        went = keep(*arguments, **options)
-        if went:
-            # Most of what is to be removed is still there.
-            monkeypatch.setattr(purge_rows, "keep_rows", stop)
-        return went
 
     def stop(*arguments: Any, **options: Any) -> int:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(purge_rows, "keep_rows", cut_off)
-    with pytest.raises(KeyboardInterrupt):
-        tiny.purge(ids)
+    with monkeypatch.context() as patch:
+        patch.setattr(purge_raw, "rewrite_segment", stop)
+        with pytest.raises(KeyboardInterrupt):
+            tiny.purge(ids)
     assert Layout(tiny.root).purge("reddit").exists()
-    assert number_of_rows(tiny) < before
-    monkeypatch.setattr(purge_rows, "keep_rows", keep)
-    assert tiny.purge()["rows"] > 0
+    # The answers are not removed yet, and nothing that is made of them can be read.
+    assert number_of_rows(tiny) == 0
+    assert tiny.purge()["purged"] == 1
+    assert 0 < number_of_rows(tiny) < before
     assert post not in {
         row["post_id"]
         for name in ("posts", "comments")
@@ -240,6 +234,10 @@ def test_each_name_is_told_apart(tiny: Work, filtered: bool) -> None:
         "t1_zzzzzzz",
         "https://www.reddit.com/user/somebody",
     )
-    assert purged(tiny.run(), "reddit", *lines) == (2, 0, 1, 1)
+    below = sum(
+        one["link_id"] == f"t3_{post}" and one["body"] not in ("[deleted]", "[removed]")
+        for one in tiny.world.comments.values()
+    )
+    assert purged(tiny.run(), "reddit", *lines) == (2, below, 0, 1, 1)
     assert {f"t3_{post}", f"t1_{comment}", "t1_zzzzzzz"} <= tombstones.keys(tiny.root, "reddit")
-    assert purged(tiny.run(), "reddit", *lines) == (0, 3, 0, 1)
+    assert purged(tiny.run(), "reddit", *lines) == (0, 0, 3, 0, 1)

@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import zstandard
 
-from kb.core.config import pipeline
+from kb.core.config.pipeline import Recipe
 from kb.core.config.profile import load_profile
 from kb.core.config.profile.products import Toxicity
 from kb.core.config.settings import load_settings
@@ -75,7 +75,7 @@ class Work:
         return run_clean(self.run(), "reddit")
 
     def export(self, layout: str = "parquet") -> Summary:
-        return pipeline.load(str(pipeline.locate("reddit"))).export(self.run(), layout)
+        return Recipe("reddit").defined("export")(self.run(), layout)
 
     def refresh(self, older_than: int | None = None, **options: Any) -> Summary:
         return refresh(self.run(**options), older_than)
@@ -84,7 +84,7 @@ class Work:
         return rebuild(self.run(**options), ids, out or self.place / "out")
 
     def purge(self, ids: Path | None = None, people: Path | None = None) -> Summary:
-        return pipeline.load(str(pipeline.locate("purge"))).purge(self.run(), "reddit", ids, people)
+        return Recipe("purge").defined("purge")(self.run(), "reddit", ids, people)
 
     def table(self, *parts: str) -> list[dict[str, Any]]:
         """All rows of a folder of Parquet files below the data root, or of a folder given whole."""

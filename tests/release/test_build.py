@@ -7,13 +7,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
 import pytest
 
 import kb
 from kb.core.context import Run
 from kb.core.licences import KNOWN
-from kb.release.build import describe, release, write_samples
+from kb.release.build import release, write_samples
 from kb.release.folders import in_root
 from kb.store.state import tombstones
 from tests.release.conftest import a_run
@@ -59,16 +58,6 @@ def test_tombstones_follow_and_reach_the_pairs(tmp_path: Path) -> None:
         (read,) = kb.load(tmp_path / "release")[f"release.{source}_tombstones"].to_pylist()
         assert read["removed_at"] == datetime.fromisoformat(row["removed_at"])
     assert "1 keys were removed" in (tmp_path / "release" / "youtube" / "DATASHEET.md").read_text()
-
-
-def test_describe_after_a_purge_needs_no_gate(tmp_path: Path) -> None:
-    build(tmp_path, sources=("pairs",))
-    release(a_run(tmp_path))
-    shard = tmp_path / "release" / "pairs" / "pairs-00000-of-00001.parquet"
-    pq.write_table(pq.read_table(shard).slice(20), shard)
-    (shard.parent / "SHA256SUMS").unlink()  # as no manifest of an export knows the new bytes
-    describe(a_run(tmp_path), ["pairs"])
-    assert "| Rows | 220 |" in (tmp_path / "release" / "pairs" / "README.md").read_text()
 
 
 def test_empty_tables_are_released_as_such(tmp_path: Path) -> None:

@@ -2,22 +2,17 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from kb.core.config import pipeline
+from kb.artifacts.makers import make_and_export, make_artifact
+from kb.core.config.pipeline import Recipe
 from kb.filters.filter_run import run_clean
 from kb.release.build import describe
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.world import World
 from tests.faults import Sandbox
 from tests.reddit.work import NOW, Work
-
-
-def room(name: str) -> Any:
-    """A shipped pipeline."""
-    return pipeline.load(str(pipeline.locate(name)))
 
 
 class Made:
@@ -28,11 +23,11 @@ class Made:
         work = Work(sandbox, place, listings=("new",), search=())
         work.crawl()
         run = work.run()
-        room("youtube").crawl(run, None, None, None)
+        Recipe("youtube").defined("crawl")(run, None, None, None)
         for source in ("youtube", "reddit"):
             run_clean(run, source)
-            room(source).export(run, "parquet")
-        room("pairs").pairs(run, "parquet")
+            make_artifact(run, f"release/{source}")
+        make_and_export(run, "pairs")
         describe(run)
         self.work, self.root = work, work.root
         self.release = self.root / "release"

@@ -15,6 +15,7 @@ import zstandard
 
 import kb
 from kb import query
+from kb.core.config.pipeline import Recipe
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
@@ -31,7 +32,7 @@ from tests.reddit.restore.test_tables import archived
 from tests.reddit.work import NOW, rows, texts
 from tests.release.conftest import a_run
 from tests.release.made import build
-from tests.restore.conftest import Made, room
+from tests.restore.conftest import Made
 from tests.youtube.job import Job
 
 KEYS = ("youtube_api_key", "reddit_client_id", "reddit_client_secret")
@@ -66,10 +67,10 @@ class Reader:
         return Run(settings=settings, profile=profile, root=self.root, workers=1, **options)
 
     def restore(self, *folders: Path, dumps: Any = (), only: Any = None, **options: Any) -> Any:
-        return room("restore").restore(self.run(**options), find(folders), dumps, only)
+        return Recipe("restore").defined("restore")(self.run(**options), find(folders), dumps, only)
 
     def plan(self, *folders: Path, dumps: Any = (), only: Any = None, **options: Any) -> Any:
-        return room("restore").plan(self.run(**options), find(folders), dumps, only)
+        return Recipe("restore").defined("plan")(self.run(**options), find(folders), dumps, only)
 
     def rows(self, sql: str) -> list[dict[str, Any]]:
         with query.connect(self.root) as db:
@@ -349,7 +350,7 @@ def test_a_purge_reaches_what_was_restored(made: Made, reader: Reader, release: 
     ids = reader.root.parent / "ids.txt"
     for source, key in (("youtube", video["video_id"]), ("reddit", f"t3_{post['post_id']}")):
         ids.write_text(key)
-        assert room("purge").purge(reader.run(), source, ids)["rows"] > 0
+        assert Recipe("purge").defined("purge")(reader.run(), source, ids)["rows"] > 0
     reader.restore(release)
     assert tombstones.keys(reader.root, "youtube") == {video["video_id"]}
     for path, text in texts(reader.root / "restored").items():

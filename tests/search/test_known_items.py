@@ -15,7 +15,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 import requests
 
-from kb.core.config import pipeline
+from kb.core.config.pipeline import Recipe
 from kb.core.sources import SOURCES
 from kb.filters.filter_run import run_clean
 from kb.sandbox.reddit.subreddit import Subreddit
@@ -79,16 +79,12 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Known]:
         patch.setattr(RecordedWiki, "html", _sections(RecordedWiki.html, places["wiki"]))
         work = Work(sandbox, tmp_path_factory.mktemp("known"), listings=("new",), search=())
         work.crawl()
-        _room("youtube").crawl(work.run(), None, None, None)
-        _room("wiki").crawl(work.run(workers=1))  # one browser
+        Recipe("youtube").defined("crawl")(work.run(), None, None, None)
+        Recipe("wiki").defined("crawl")(work.run(workers=1))  # one browser
         for source in SOURCES:
             run_clean(work.run(), source)
         index(work.run())
         yield Known(work.root, sandbox, places)
-
-
-def _room(name: str) -> Any:
-    return pipeline.load(str(pipeline.locate(name)))
 
 
 def _videos(world: World) -> dict[int, str]:

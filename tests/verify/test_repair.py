@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import manifest
-from kb.core.config.pipeline import load, locate
+from kb.core.config.pipeline import Recipe
 from kb.core.progress import Progress
 from kb.store.tables.shard_writer import write_table
 from kb.verify.repair import Crawl, Make, Step, repaired
@@ -18,7 +18,7 @@ from tests.verify.test_root import flipped, found, one, verify
 
 
 def repair(root: Path) -> list[str]:
-    said: list[str] = load(str(locate("verify"))).repair(run_at(root))[1]
+    said: list[str] = Recipe("verify").defined("repair")(run_at(root))[1]
     return said
 
 
@@ -45,20 +45,8 @@ def test_a_release_without_its_description_gets_it_where_nothing_is_damaged(root
     noted.parent.mkdir(parents=True)
     pq.write_table(pa.table({"table": ["videos"], "key": [b"1"]}), noted)
     assert verify(root).entries == []
-    said = load(str(locate("verify", None))).repair(run_at(root))[1]
+    said = Recipe("verify").defined("repair")(run_at(root))[1]
     assert ["kb release" in line for line in said] == [True]
-
-
-def test_repair_clears_parts_of_finished_pairs_and_keeps_those_of_others(root: Path) -> None:
-    """A repair that was killed behind the last rename of its pairs: nothing of them is damaged."""
-    made = manifest.read(root, "pairs")
-    assert made is not None
-    for name in (made.figures["made_in"], "going-on"):
-        part = root / "state/pairs" / name / "plan.json"
-        part.parent.mkdir(parents=True)
-        part.write_text("{}")
-    load(str(locate("verify", None))).repair(run_at(root))
-    assert [path.name for path in (root / "state/pairs").iterdir()] == ["going-on"]
 
 
 def test_a_repair_killed_after_its_crawl_filters_when_it_is_run_again(root: Path) -> None:

@@ -57,7 +57,7 @@ def requests_for(job: Job, channel: str, since: int = 0) -> list[str]:
 
 
 def test_a_channel_leaves_every_file_and_stays_away(job: Job) -> None:
-    for words in ("youtube crawl", "youtube filter", "youtube export", "pairs", "tasks"):
+    for words in ("youtube crawl", "youtube filter", "youtube export", "pairs", "tasks", "release"):
         job.done(*words.split())
     (row,) = job.rows(
         "SELECT channel_id, count(*) AS kept FROM clean.youtube_videos GROUP BY ALL"
@@ -204,9 +204,11 @@ def test_what_only_tables_have_is_found(job: Job) -> None:
     job.done("youtube", "filter")
     shutil.rmtree(job.root / "raw")
     Layout(job.root).state("youtube").unlink()
-    summary = job.done("purge", "youtube", "--channels", listed(job, ID))
+    said = job.kb("purge", "youtube", "--channels", listed(job, ID), "--json")
+    summary = json.loads(said.stdout.splitlines()[-1])
     assert (summary["purged"], summary["unknown"]) == (1, 0)
-    assert not job.rows("SELECT * FROM clean.youtube_videos")
+    assert (said.returncode, "clean/youtube failed" in said.stderr) == (1, True)  # without raw data
+    assert not list(job.root.glob("clean/youtube/**/*.parquet"))
 
 
 def folder_of_one(job: Job) -> Path:

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import ending, find_command, show
-from kb.cli.framework.options import CLUSTER, Plan, pipeline
+from kb.cli.framework.options import CLUSTER, Plan
+from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.core.errors import (
     GLOBAL_STOPS,
     FatalError,
     KbError,
-    NothingKept,
+    ReleaseRefused,
     SettingError,
     Stopped,
     severity,
 )
-from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
+
+if TYPE_CHECKING:
+    from kb.artifacts.freshness import Reasons
 
 app = group("Make everything that is out of date, in order.")
 
@@ -30,7 +35,8 @@ app = group("Make everything that is out of date, in order.")
 @command(
     app,
     uses=CLUSTER,
-    json="made, current, failed, steps (each with artifact, reasons and outcome)",
+    json="made, current, failed, steps (each with artifact, reasons and outcome);"
+    " with --plan also to_make and obstacles, with --graph artifacts",
     planned=("names",),
     checks=True,
     examples=[
@@ -38,6 +44,7 @@ app = group("Make everything that is out of date, in order.")
         "kb build --plan                what would be made, and why",
         "kb build pairs                 pairs with release/pairs, and all that they need",
         "kb build text                  the export format text, which is made only on request",
+        "kb build --graph --out g.svg   what is made of what, and what is current",
     ],
 )
 def build(
@@ -53,6 +60,14 @@ def build(
     plan: Annotated[
         bool, typer.Option("--plan", help="Print what would be made and why; write nothing.")
     ] = False,
+    graph: Annotated[
+        bool,
+        typer.Option("--graph", help="Print what is made of what, how, and what is current."),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE.svg", help="With --graph: draw it there."),
+    ] = None,
 ) -> Summary:
     """Make what is out of date: filters, exports, pairs, tasks, links, index, report, release.
 
@@ -62,112 +77,92 @@ def build(
     still made; the same command resumes.
     """
     from kb.artifacts import freshness
-    from kb.artifacts.resumable_build import clear_finished
-    from kb.store.artifact_registry import ARTIFACTS
 
-    graph = freshness.graph(run, names or ())
-    if not graph:
+    if out is not None and (not graph or out.suffix != ".svg"):
+        raise SettingError(
+            "--out is for the drawing of --graph", hint="write --graph --out FILE.svg"
+        )
+    if graph:
+        return _graph(run, names or (), out)
+    artifacts = freshness.graph(run, names or ())
+    if not artifacts:
         what = " and ".join(names or ()) or "anything"
         raise FatalError(
             f"{run.root} has no raw data to make {what} from",
             hint="run a crawl or an import first, or `kb demo` to see the whole job",
         )
-    outdated = freshness.plan(run, graph)
-    steps = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
+    outdated = freshness.plan(run, artifacts)
     if plan:
-        for line in freshness.lines(outdated):
-            show(line)
-        return Summary(command="build --plan", current=len(graph) - len(outdated), steps=steps)
-    for name in graph:
-        if name in ARTIFACTS and name not in outdated:
-            clear_finished(run.root, name)
-    return _make(run, len(graph), outdated, steps)
+        return _planned(run, len(artifacts), outdated)
+    return _make(run, len(artifacts), outdated)
 
 
-def _make(
-    run: Run, size: int, outdated: dict[str, list[str]], steps: list[dict[str, Any]]
-) -> Summary:
-    """Make the outdated ones of `size` artifacts, each if it is still out of date when its turn
-    comes; each of `steps` gets its outcome.
-    """
+def _graph(run: Run, names: Sequence[str], out: Path | None) -> Summary:
+    """Print the graph, and draw it."""
+    from kb.artifacts.graph_view import CURRENT, nodes
+
+    shown = nodes(run, names)
+    for line in (line for node in shown for line in node.lines()):
+        show(line)
+    summary = Summary(
+        command="build --graph",
+        artifacts=[node._asdict() for node in shown],
+        current=sum(node.state == CURRENT for node in shown),
+    )
+    if out is not None:
+        from kb.report.graph_drawing import drawn
+        from kb.store.atomic import write_bytes
+
+        write_bytes(out, drawn(shown))
+        summary["path"] = str(out)
+    return summary
+
+
+def _planned(run: Run, size: int, outdated: Reasons) -> Summary:
+    """What stands in the way, then each artifact with its reasons, then how many will be made."""
+    from kb.artifacts import freshness, makers
+
+    in_the_way = makers.obstacles(run, outdated)
+    for obstacle in in_the_way:
+        show(str(obstacle))
+    blocked = makers.made_of_these([n for one in in_the_way for n in one.artifacts], outdated)
+    for line in freshness.lines(outdated):
+        show(line)
+    return Summary(
+        command="build --plan",
+        to_make=len(outdated) - len(blocked),
+        blocked=len(blocked),
+        current=size - len(outdated),
+        obstacles=[
+            {"what": str(error), "fix": error.hint, "artifacts": names}
+            for error, names in in_the_way
+        ],
+        steps=freshness.steps(outdated),
+    )
+
+
+def _make(run: Run, size: int, outdated: Reasons) -> Summary:
+    """Make the outdated ones of `size` artifacts. Raises what `makers.failure` says."""
     from kb.artifacts import freshness
-    from kb.store.artifact_registry import ARTIFACTS
+    from kb.artifacts.makers import FAILED, MADE, UNCHANGED, failure, make_outdated
 
-    lost: dict[str, KbError] = {}  # artifacts that are not there in today's form, and why
-    failures: list[tuple[str, KbError]] = []
+    steps = freshness.steps(outdated)
     summary = Summary(command="build", made=0, current=size - len(outdated), failed=0, steps=steps)
-    for name, step in zip(outdated, steps, strict=True):
-        inputs = ARTIFACTS[name].inputs if name in ARTIFACTS else list(outdated)
-        if without := [one for one in inputs if one in lost]:
-            lost[name] = lost[without[0]]
-            step["outcome"] = f"left out: {without[0]} failed"
-            run.progress.say(f"{name} is left out, because {without[0]} failed")
-            continue
-        if not freshness.reasons(run, name):
-            step["outcome"] = "unchanged"
-            summary["current"] += 1
-            continue
-        run.progress.say(f"{name}: {', '.join(step['reasons'])}")
-        try:
-            _make_one(run, name)
-        except Stopped as error:  # a full disk, a signal, a cluster: it concerns what follows too
-            failures.append((name, error))
-            step["outcome"] = f"stopped: {error}"
-            break
-        except KbError as error:
-            failures.append((name, error))
-            step["outcome"] = f"failed: {error}"
-            run.progress.say(f"{name} failed: {error}")
-            for line in getattr(error, "problems", []):
+    counted = {MADE: "made", UNCHANGED: "current", FAILED: "failed"}
+    outcomes = []
+    for outcome, step in zip(make_outdated(run, outdated), steps, strict=False):
+        outcomes.append(outcome)
+        step["outcome"] = str(outcome)
+        if outcome.outcome in counted:
+            summary[counted[outcome.outcome]] += 1
+    for outcome in outcomes:
+        if isinstance(outcome.error, ReleaseRefused):
+            for line in outcome.error.problems:
                 show(line, err=True)
-            if not isinstance(error, NothingKept):  # its tables are there, without rows
-                lost[name] = error
-                summary["failed"] += 1
-                continue
-        else:
-            step["outcome"] = "made"
-        summary["made"] += 1
-    if not failures:
-        return summary
-    name, worst = min(failures, key=lambda one: severity(one[1]))
-    if not isinstance(worst, Stopped):
-        more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
-        worst = FatalError(f"{name}{more} failed: {worst}", hint=worst.hint)
-    worst.summary = summary
-    raise worst
-
-
-def _make_one(run: Run, name: str) -> None:
-    """Make one artifact by the code of its command."""
-    from kb.artifacts import domain_binding, freshness
-    from kb.export import layouts
-
-    kind, _, rest = name.partition("/")
-    if kind == "clean":
-        from kb.filters.filter_run import check_kept, run_clean
-
-        check_kept(run, rest, run_clean(run, rest))
-    elif kind == "index":
-        from kb.search.build import follow
-
-        follow(run, rest)
-    elif kind == "report":
-        from kb.report.build import report
-
-        report(run)
-    elif name == freshness.RELEASE:
-        pipeline(run, "release").release(run, [])
-    elif kind in ("pairs", "tasks", "links"):
-        room = pipeline(run, kind)
-        with domain_binding.writing(run, kind, f"release-{kind}"):
-            room.build(run) if kind == "pairs" else room.tables(run)
-    else:
-        of = rest if kind == "release" else freshness.made_from(name)
-        layout = "parquet" if kind == "release" else rest.partition("/")[0]
-        owner = PUBLISHED[of].part_of
-        locks = [f"release-{one}" for one in (of, owner) if one]
-        with domain_binding.writing(run, *locks):
-            layouts.export(run, of, layout)
+    if (ended := failure(outcomes)) is not None:
+        ended.summary = summary
+        raise ended
+    return summary
 
 
 update_app = group("Do what is due: crawl what is new, refresh, purge, build.")
@@ -217,6 +212,10 @@ def update(
         # An unfinished round goes on; a finished one is followed by the next.
         as_run = replace(run, again=crawls)
         try:
+            if step.startswith("purge "):  # what it removes is made again by the build at the end
+                purge = Recipe("purge").defined("purge")
+                done[name][step] = purge(as_run, name, None, build=False)
+                continue
             command_: Any = find_command(step.split())
             bounds = _as_before(run, name) if crawls else {}
             done[name][step] = command_.function(as_run, **bounds)
@@ -321,12 +320,10 @@ def _planned_update(run: Run, chosen: list[str]) -> Summary:
             phases += [{**one, "phase": f"{step}: {one['phase']}"} for one in planned["phases"]]
             assumed += [planned["assumed"]] if planned.get("assumed") else []
     outdated = freshness.plan(run, freshness.graph(run))
-    for line in freshness.lines(outdated):
-        show(line)
+    steps = _planned(run, len(outdated), outdated)["steps"]
     sums = {
         name: round(sum(one.get(name, 0) for one in phases), 3)
         for name in ("requests", "units", "hours", "gb")
     }
-    steps = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
     about = {"command": "update --plan", "source": "", **sums, "steps": steps}
     return Summary(about, phases=phases, assumed=", ".join(dict.fromkeys(assumed)) or None)

@@ -19,8 +19,9 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import fail, find_command
-from kb.cli.framework.options import CLUSTER, Options, pipeline, without_scores
+from kb.cli.framework.options import CLUSTER, Options, without_scores
 from kb.core import signals
+from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.core.errors import MissingExtra, SettingError, UsageError
 from kb.core.progress import Progress
@@ -114,13 +115,13 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
             run = replace(run, profile=without_scores(run.profile))
         if not sys.stderr.isatty():  # each step is a line of stdout, which is enough
             run = replace(run, progress=Progress())
-        plan = pipeline(run, "demo")
-        steps = [step for step in plan.STEPS if step not in without]
+        job = Recipe("demo")
+        steps = [step for step in job.defined("STEPS") if step not in without]
         # Beside the data root: in it they would hold what a purge removes everywhere else.
         place = root.with_name(f".{root.name}-dumps")
         try:
             given = {"reddit import": {"files": dumps(services.world.reddit, place)}}
-            return _all(steps, plan.QUERIES, words, run, services, given)
+            return _all(steps, job.defined("QUERIES"), words, run, services, given)
         finally:
             shutil.rmtree(place, ignore_errors=True)
 

@@ -10,7 +10,7 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import warn_stale
-from kb.cli.framework.options import CLUSTER, Device, DeviceOption, pipeline
+from kb.cli.framework.options import CLUSTER, Device, DeviceOption
 from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.core.sources import SOURCES
@@ -28,7 +28,6 @@ class TasksFormat(StrEnum):
 
 @command(
     tasks_app,
-    uses=("pipeline",),
     again="Mine all titles again, even if nothing has changed.",
     json="tasks, titles, judged, reworded, starts, rejected_by",
     checks=True,
@@ -52,8 +51,9 @@ def tasks(
     phrases are those of [tasks] in the profile. What people judged (`kb label`) counts: tasks that
     they rejected are left out, their wordings and times replace those of the title.
     """
-    summary: Summary = pipeline(run, "tasks").tasks(run, format.value)
-    return summary
+    from kb.artifacts.makers import make_and_export
+
+    return make_and_export(run, "tasks", format.value)
 
 
 links_app = group("Find which videos, wiki pages and threads mention which entities.")
@@ -61,7 +61,7 @@ links_app = group("Find which videos, wiki pages and threads mention which entit
 
 @command(
     links_app,
-    uses=(*CLUSTER, "pipeline"),
+    uses=CLUSTER,
     again="Match every source again, even if its clean tables have not changed.",
     json="entities, with_page, links, mentions, sources",
     data="reads",
@@ -79,8 +79,12 @@ def links(run: Run) -> Summary:
     release/links/ hold ids, counts and seconds, but no text. A source whose clean files have not
     changed is skipped.
     """
-    summary: Summary = pipeline(run, "links").links(run)
-    return summary
+    from kb.artifacts.makers import make_and_export, make_artifact
+    from kb.artifacts.table_catalog import Catalog
+
+    if Catalog(run.root.absolute()).is_download:
+        return make_artifact(run, "links")
+    return make_and_export(run, "links")
 
 
 report_app = group("Make figures and one HTML page about the collected data.")
@@ -109,10 +113,10 @@ def report(
     Works at any time on what has been filtered so far, on a restored data root and on a downloaded
     release. The page names sources without data.
     """
-    from kb.report.build import report
+    from kb.artifacts.makers import make_artifact
 
     warn_stale(run)
-    return report(run, out)
+    return make_artifact(run, "report", {"out": out})
 
 
 annotate_app = group("Score text for toxicity. `filter` does this as well.")
@@ -143,7 +147,7 @@ def _add(source: str, about: str, *examples: str) -> None:
         annotate_app,
         source,
         help=about,
-        uses=(*CLUSTER, "pipeline"),
+        uses=CLUSTER,
         limit="Stop after scoring N more texts (exit code 3); the next run resumes.",
         json="texts, scored, known, exact_again, model, revision, precisions",
         examples=examples,

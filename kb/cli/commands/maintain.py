@@ -12,8 +12,9 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, show_row, with_options
-from kb.cli.framework.options import CLUSTER, Options, Plan, pipeline
+from kb.cli.framework.options import CLUSTER, Options, Plan
 from kb.core import terminal
+from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
@@ -108,12 +109,10 @@ PurgePlan = Annotated[
 
 
 def _purge(run: Run, source: str, ids: Path | None, people: Path | None, plan: bool) -> Summary:
-    room = pipeline(run, "purge")
-    summary: Summary
+    step = Recipe("purge").defined("plan" if plan else "purge")
+    summary: Summary = step(run, source, ids, people)
     if not plan:
-        summary = room.purge(run, source, ids, people)
         return summary
-    summary = room.plan(run, source, ids, people)
     show_row(("folder", "what", "count"))
     for line in summary["lines"]:
         show_row((line["folder"], line["what"], line["count"]))
@@ -222,10 +221,13 @@ def verify(
     repairable = is_root(place)
     if repair and not repairable:
         raise empty(place)
-    room = pipeline(run, "verify")
+    room = Recipe("verify")
     report: Findings
-    repaired: list[str]
-    report, repaired = room.repair(run) if repair else (room.verify(run, place), [])
+    repaired: list[str] = []
+    if repair:
+        report, repaired = room.defined("repair")(run)
+    else:
+        report = room.defined("verify")(run, place)
     run.progress.close()
     for line in terminal.table(list(report.table())):
         typer.echo(line)
@@ -287,10 +289,10 @@ def merge(
     if options.profile is None and domain_binding.remembered(run.root) is None:
         bound = next(filter(None, map(domain_binding.remembered, roots)), None)
         named = (bound.file or bound.name) if bound else None
-        run = replace(options, profile=named).make_run()
+        run = options.make_run(kb_profile=named)
     summary = merge_roots.merge(run, roots)
     summary["labels"] = imports.unite(run, roots)
     for source in SOURCES:
         if Layout(run.root).purge(source).exists() and getattr(run.profile, source) is not None:
-            pipeline(run, "purge").purge(run, source, None)
+            Recipe("purge").defined("purge")(run, source, None)
     return summary

@@ -68,7 +68,7 @@ def overview(run: Run) -> dict[str, Any]:
     stale = []
     if run.profile.path != Path() and not catalog.is_download:
         outdated = freshness.plan(run, freshness.graph(run))
-        stale = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
+        stale = freshness.steps(outdated)
     disk = {one.path.name: one.size for one in catalog.releases} if catalog.is_download else {}
     if not disk:
         folders = [run.root / name for name in (*TOP, "demo") if (run.root / name).is_dir()]

@@ -13,7 +13,8 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
-from kb.cli.framework.options import CLUSTER, Device, DeviceOption, Films, OnlyPairs, Plan, pipeline
+from kb.cli.framework.options import CLUSTER, Device, DeviceOption, Films, OnlyPairs, Plan
+from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary, interval_text
@@ -33,14 +34,12 @@ class PairsFormat(StrEnum):
 @command(
     app,
     main=True,
-    uses=(*CLUSTER, "pipeline"),
-    limit="Stop after N more transcripts (exit code 3); the next run resumes.",
+    uses=CLUSTER,
     again="Match all transcripts again, even if nothing has changed.",
     json="pairs, videos, words, matches, keywords_found, ambiguous_alone, outside",
     checks=True,
     examples=[
         ("kb pairs                                    pairs/ with text, release/pairs/ without"),
-        ("kb pairs --limit 1000                       1,000 transcripts; the next run resumes"),
         (
             "kb pairs --format video2dataset             a list of clips for video2dataset to"
             " download"
@@ -71,19 +70,17 @@ def pairs(
 
     The same input gives the same rows. Pairs that are up to date are not made again.
     """
-    room = pipeline(run, "pairs")
-    summary: Summary
+    from kb.artifacts.makers import make_and_export
+
     if from_index is None:
-        summary = room.pairs(run, format.value)
-        return summary
+        return make_and_export(run, "pairs", format.value)
     if format is not PairsFormat.parquet:
         raise SettingError("--from-index can't be combined with --format: it always fills pairs/")
-    if run.limit is not None or run.again:
-        raise SettingError(
-            "--from-index can't be combined with --limit or --again: it fills in all texts at once"
-        )
-    summary = room.refill(run, from_index)
-    return summary
+    if run.again:
+        raise SettingError("--from-index can't be combined with --again: it fills in all texts")
+    from kb.pairs.restore import refill
+
+    return refill(run, from_index)
 
 
 @command(
@@ -214,7 +211,7 @@ def score(
 
 @command(
     app,
-    uses=("wait", "pipeline"),
+    uses=("wait",),
     json="speech_recognition, videos_with_both_tracks, videos_compared, fetched, failed, requests",
     planned=("sample",),
     checks=True,
@@ -241,11 +238,11 @@ def measure(
     and at the same time in both; the share of those in automatic tracks that the manual track has
     too, and the reverse.
     """
-    room = pipeline(run, "pairs")
+    recipe = recipe_of(run.profile, "pairs")
     if plan:
-        planned: Summary = room.plan_measure(run, sample)
+        planned: Summary = recipe.defined("plan_measure")(run, sample)
         return planned
-    summary: Summary = room.measure(run, sample)
+    summary: Summary = recipe.defined("measure")(run, sample)
     section = summary["speech_recognition"]
     show_row(("kind", "automatic", "manual", "both", "manual|automatic", "automatic|manual"))
     for kind, one in {**section["keywords_by_kind"], "all": section["keywords"]}.items():

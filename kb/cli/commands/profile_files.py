@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.core.config.addresses import is_loopback
+from kb.core.config.pipeline import own
 from kb.core.config.profile import load_profile, shipped_names
 from kb.core.config.profile.base import (
     ERROR,
@@ -233,8 +234,10 @@ def write_new(
     if base is None:
         files["keywords.tsv"] = KEYWORDS
     elif base.pairs is not None:
+        files |= {name: _read(base.resolve_file(name)) for name in base.pairs.keyword_files}
+    if base is not None:
         files |= {
-            listed: _read_list(base.resolve_file(listed)) for listed in base.pairs.keyword_files
+            str(path.relative_to(base.path.parent)): _read(path) for path in own(base).values()
         }
     folder = out if out is not None else _home() / name
     existing = [file for file in files if (folder / file).exists() or (folder / file).is_symlink()]
@@ -302,9 +305,9 @@ def _home() -> Path:
     return Path()
 
 
-def _read_list(path: Path) -> str:
+def _read(path: Path) -> str:
     try:
         return read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
-        raise ProfileError(f"the keyword list {path} can't be read: {why}") from None
+        raise ProfileError(f"{path} can't be read: {why}") from None

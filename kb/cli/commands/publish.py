@@ -11,7 +11,8 @@ import typer
 
 from kb.cli.framework.command import DumpsCommand, command, group
 from kb.cli.framework.messages import show, with_options
-from kb.cli.framework.options import Dumps, Options, Plan, pipeline
+from kb.cli.framework.options import Dumps, Options, Plan
+from kb.core.config.pipeline import Recipe, recipe_of
 from kb.core.context import Run
 from kb.core.errors import KbError, ReleaseRefused, SettingError
 from kb.core.sources import SOURCES
@@ -39,7 +40,6 @@ class Target(StrEnum):
 @command(
     release_app,
     main=True,
-    uses=("pipeline",),
     json="folders, rows, bytes, sources, and problems if it is refused",
     examples=[
         (
@@ -62,7 +62,7 @@ def release(run: Run, only: Only = None) -> Summary:
 @command(
     release_app,
     raw=True,
-    uses=("wait", "pipeline"),
+    uses=("wait",),
     json="deposits, drafts, published, unchanged, uploaded, sources;"
     " of a repository: folders, repository, revision, tag, removed, older_revisions, older_tags",
     planned=("to", "only", "repo"),
@@ -160,10 +160,10 @@ def _check_options(
 def _listed(run: Run, name: str, *given: object, **how: object) -> Summary:
     """Call the pipeline; the reasons of a refusal go to stderr, one line each."""
     try:
-        summary: Summary = getattr(pipeline(run, "release"), name)(run, *given, **how)
+        summary: Summary = recipe_of(run.profile, "release").defined(name)(run, *given, **how)
         return summary
     except ReleaseRefused as error:
-        for line in getattr(error, "problems", []):
+        for line in error.problems:
             show(with_options(line), err=True)
         raise
 
@@ -227,10 +227,8 @@ def restore(
         if around is not None:
             options = replace(options, data=around.with_name(f"{around.name}-restored"))
     own = profile_of(releases)
-    if options.profile is None and own is not None:
-        options = replace(options, profile=str(own))
-    run = options.make_run()
-    room = pipeline(run, "restore")
-    step = room.plan if plan else room.restore
+    is_theirs = options.profile is None and own is not None
+    run = options.make_run(kb_profile=str(own)) if is_theirs else options.make_run()
+    step = Recipe("restore").defined("plan" if plan else "restore")
     summary: Summary = step(run, releases, dumps or (), only.value if only else None)
     return summary

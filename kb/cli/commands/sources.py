@@ -21,9 +21,9 @@ from kb.cli.framework.options import (
     Plan,
     parse_part,
     parse_span,
-    pipeline,
 )
 from kb.cli.framework.source_commands import add_export, add_filter
+from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
@@ -43,7 +43,7 @@ class CrawlPhase(StrEnum):
 @command(
     youtube_app,
     "crawl",
-    uses=("workers", "wait", "pipeline"),
+    uses=("workers", "wait"),
     limit="Stop after N more videos, each through every phase (exit code 3); the next run resumes.",
     again="Start a new round: list the channels' uploads again, and read only new videos.",
     json="crawled, channels, transcripts, failed, pending, missing, requests, units",
@@ -95,7 +95,8 @@ def youtube_crawl(
     from kb.cli.commands.doctor import warn_of_space
 
     warn_of_space(run, "youtube")
-    summary: Summary = pipeline(run, "youtube").crawl(run, only.value if only else None, ids, which)
+    crawl = recipe_of(run.profile, "youtube").defined("crawl")
+    summary: Summary = crawl(run, only.value if only else None, ids, which)
     return summary
 
 
@@ -231,7 +232,7 @@ wiki_app = group("Collect wiki pages: screenshots, elements with boxes, tables a
 @command(
     wiki_app,
     "crawl",
-    uses=("workers", "wait", "pipeline"),
+    uses=("workers", "wait"),
     limit="Stop after N more pages (exit code 3); the next run resumes.",
     again="Start a new round: list the wiki again, and render only new pages and revisions.",
     json="crawled, images, failed, pending, robots, gone, unread_facts, requests",
@@ -273,7 +274,7 @@ def wiki_crawl(
     from kb.cli.commands.doctor import warn_of_space
 
     warn_of_space(run, "wiki")
-    summary: Summary = pipeline(run, "wiki").crawl(run, titles)
+    summary: Summary = recipe_of(run.profile, "wiki").defined("crawl")(run, titles)
     return summary
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 import re
 import sys
 from dataclasses import dataclass, fields
@@ -10,7 +11,6 @@ from datetime import datetime
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -18,7 +18,6 @@ import typer.main
 
 from kb.cli.framework.messages import warn, with_options
 from kb.core import clock, terminal
-from kb.core.config.pipeline import load, locate
 from kb.core.errors import DamagedData, MissingExtra, ProfileError, SettingError
 from kb.core.progress import LineProgress, Progress, Task
 
@@ -83,12 +82,6 @@ class Options:
             "--scheduler", metavar="ADDRESS", help="The Dask scheduler, e.g. tcp://10.0.0.1:8786."
         ),
     ] = None
-    pipeline: Annotated[
-        Path | None,
-        typer.Option(
-            "--pipeline", metavar="FILE", help="Your own pipeline file instead of the shipped one."
-        ),
-    ] = None
     data: Annotated[
         Path | None,
         typer.Option("--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]"),
@@ -151,7 +144,9 @@ class Options:
                 f"the data root {root} is not a folder",
                 hint="choose another with --data or KB_DATA",
             )
-        profile = _profile(loaded.kb_profile, root, needs)
+        # Not what a `.env` names, which may have come with somebody's data.
+        named = "kb_profile" not in settings and bool(self.profile or os.environ.get("KB_PROFILE"))
+        profile = _profile(loaded.kb_profile, root, needs, named=named)
         if checks:
             from kb.cli.commands.profile_files import refuse
 
@@ -177,7 +172,6 @@ class Options:
             again=self.again,
             engine=str(self.engine),
             scheduler=self.scheduler,
-            pipeline=str(self.pipeline) if self.pipeline else None,
             progress=choose_progress(quiet=self.quiet),
         )
 
@@ -218,15 +212,19 @@ def shared_option(name: str, help: str | None = None) -> Any:
     return option
 
 
-def _profile(name: str | None, root: Path, needs: str) -> Profile:
-    """The named profile, else the data root's own, else that of a download, else the default."""
+def _profile(name: str | None, root: Path, needs: str, *, named: bool) -> Profile:
+    """The profile of that name, which the user may have `named`, else the data root's own, else
+    that of a download, else the default.
+    """
     from kb.artifacts import domain_binding
-    from kb.core.config.profile import DEFAULT, Profile, load_profile
+    from kb.core.config.profile import DEFAULT, Profile, find_profile, load_profile
+    from kb.store.artifact_registry import SUMS
 
     if needs == "nothing":
         return Profile(name="none", title="none")
     if name is not None:
-        profile = load_profile(name)
+        is_released = (find_profile(name).parent / SUMS).exists()  # no release runs code
+        profile = load_profile(name, named=named and not is_released)
         domain_binding.check(root, profile)
         return profile
     bound = domain_binding.remembered(root)
@@ -315,11 +313,6 @@ def parse_span(since: str | None, until: str | None) -> tuple[datetime | None, d
     if begin and end and begin >= end:
         raise SettingError(f"--since {since} is not earlier than --until {until}", hint="swap them")
     return begin, end
-
-
-def pipeline(run: Run, name: str) -> ModuleType:
-    """The shipped pipeline of that name, or the file of `--pipeline`."""
-    return load(str(locate(name, run.pipeline)))
 
 
 def choose_progress(*, quiet: bool) -> Progress:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from kb.cli.framework.command import Group, command, group
-from kb.cli.framework.options import CLUSTER, pipeline
+from kb.cli.framework.options import CLUSTER
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.sources import SOURCES
@@ -24,18 +24,16 @@ def add_filter(app: Group, source: str, what: str = "raw answers") -> None:
         "filter",
         help=f"Sort {what} into clean/{source}: kept, rejected (with the reason), failed and"
         " pending.",
-        uses=(*CLUSTER, "pipeline"),
+        uses=CLUSTER,
         limit="Stop after scoring N more texts for toxicity (exit code 3); the next run resumes.",
         json="crawled, kept, rejected, failed, pending, missing, stages, tables",
         checks=True,
         examples=[f"kb {source} filter", f"kb {source} filter --profile mine.toml"],
     )
     def filter_(run: Run) -> Summary:
-        from kb.filters.filter_run import check_kept, run_clean
+        from kb.artifacts.makers import make_artifact
 
-        summary = run_clean(run, source)
-        check_kept(run, source, summary)
-        return summary
+        return make_artifact(run, f"clean/{source}")
 
 
 def add_export(
@@ -51,7 +49,7 @@ def add_export(
         app,
         "export",
         help=f"Write clean/{source} as {tables}, or in another layout.",
-        uses=("engine", "scheduler", "pipeline"),
+        uses=("engine", "scheduler"),
         json="the rows of each table, and path",
         examples=[
             f"kb {source} export",
@@ -88,8 +86,7 @@ def add_export(
             ),
         ] = False,
     ) -> Summary:
-        from kb.artifacts import domain_binding
-        from kb.export import layouts
+        from kb.artifacts.makers import make_export
 
         options = {
             "chunk_tokens": chunk_tokens,
@@ -104,12 +101,7 @@ def add_export(
             raise SettingError(
                 "--tokenizer counts the tokens of chunks", hint="give --chunk-tokens N too"
             )
-        with domain_binding.writing(run, f"release-{source}"):
-            own = getattr(pipeline(run, source), "export", None)
-            if own is None:
-                return layouts.export(run, source, format.value, **options)
-            summary: Summary = own(run, format.value, **options)
-            return summary
+        return make_export(run, source, format.value, options)
 
 
 def app_of(name: str) -> Group:

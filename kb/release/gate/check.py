@@ -18,13 +18,13 @@ from kb.artifacts.release_folder import INDEX, ReleaseFolder
 from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.core.licences import KNOWN, licence
-from kb.core.sources import PUBLISHED, exported_by
+from kb.core.sources import PUBLISHED
 from kb.release.folders import DEPOSIT, REQUIRED, is_made, strays
 from kb.release.gate import GateProblem, contents, damaged, tables
 from kb.release.gate.tables import numbered
 from kb.release.metadata.measure import folder_licence, licences
 from kb.release.metadata.zenodo import Document
-from kb.store.artifact_registry import SUMS
+from kb.store.artifact_registry import ARTIFACTS, SUMS
 from kb.store.tables import database, parquet
 from kb.store.tables.checksums import digest
 
@@ -83,7 +83,7 @@ def check_archives(folder: ReleaseFolder) -> list[GateProblem]:
     source, of = folder.source, PUBLISHED[folder.source]
     if not of.archives:
         return []
-    rerun = f"run `{exported_by(source)}` again"
+    rerun = ARTIFACTS[f"release/{source}"].hint
     tars = {path.name: path.stat().st_size for path in folder.others if path.suffix == ".tar"}
     problems = [
         GateProblem(

@@ -19,12 +19,13 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.regular_file import read_regular
-from kb.core.sources import PUBLISHED, SOURCES, made_by, made_of
+from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.release.folders import samples
 from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, released_tables, table
 from kb.schema.conformity import column_problems, value_problem
 from kb.schema.tables import Column
+from kb.store.artifact_registry import of_table
 from kb.store.layout import Layout
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
@@ -228,14 +229,12 @@ def _damaged_clean(root: Path, declared: Table) -> list[GateProblem]:
         manifest.check_complete(root, declared.name)
     except DamagedData as error:
         return [GateProblem("damaged", declared.name, f"{error}; {error.hint}")]
-    command = made_by(declared.source) + ("" if declared.source in SOURCES else " --again")
-    suffix = " again" if declared.source in SOURCES else ""
     for path in Layout(root).rows(declared.name):
         try:
             parquet.open_file(path).close()
         except DamagedData as error:
             where = str(path.relative_to(root))
-            problems.append(damaged(where, error, f"run `{command}`{suffix}"))
+            problems.append(damaged(where, error, of_table(declared.name).hint))
     return problems
 
 

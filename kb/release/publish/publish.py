@@ -17,7 +17,6 @@ from kb.core.config.profile.release import Release
 from kb.core.context import Run
 from kb.core.errors import KbError, ProfileError
 from kb.core.installation import PROFILE_FILE
-from kb.core.sources import exported_by, made_by, made_of
 from kb.core.summary import Summary
 from kb.core.summary.plan import plan as make_plan
 from kb.net.session import HttpSession, host_of
@@ -164,10 +163,9 @@ def _marked(run: Run, exports: list[ReleaseFolder]) -> list[GateProblem]:
     for folder in exports:
         scored_by = {model for model, _, _ in models(run.root, folder.source)}
         if SANDBOX_MODEL in scored_by or document_of(folder).get("sandbox_model"):
-            filters = ", ".join(f"`{made_by(one)}`" for one in made_of(folder.source))
             what = (
                 "scored with the sandbox's tiny model, whose scores mean nothing about real texts;"
-                f" run `kb models fetch`, then {filters} and `{exported_by(folder.source)}`"
+                " run `kb models fetch`, then `kb build`"
             )
             problems.append(GateProblem("sandbox model", folder.source, what))
     return problems

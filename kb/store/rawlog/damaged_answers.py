@@ -60,13 +60,10 @@ def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: 
     would find anything to fix.
     """
     base = rawlog.folder(root, source, "").resolve()
-    paths = getattr(error, "paths", None) or [getattr(error, "path", None)]
     damaged = [
         (path.parent.name, rawlog.base_name(path))
-        for path in paths
-        if path is not None
-        and path.parent.parent.resolve() == base
-        and gaps(path, path.stat().st_size)
+        for path in error.paths
+        if path.parent.parent.resolve() == base and gaps(path, path.stat().st_size)
     ]
     if damaged:
         known = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [], of=_PAIRS)}
@@ -211,23 +208,10 @@ def check(root: Path, source: str) -> None:
         raise _error(root, source, losses)
 
 
-def remove_quarantined(
-    root: Path, source: str, frontier: Frontier, keys: Collection[str], exact: Collection[str]
-) -> int:
-    """Remove what was set aside and may hold one of the purged keys; how many files went.
-
-    Nobody can read the bytes. They stay where the state says what they held and none of it is to
-    go: in raw kinds (`exact`) that hold one answer a key.
-    """
-    known = {lost.quarantined_as: lost for lost in _load(frontier) if lost.quarantined_as}
-    removed = 0
+def remove_quarantined(root: Path, source: str) -> None:
+    """Remove what was set aside: nobody can read it, and any of it may hold a purged key."""
     for path in quarantined_files(root, source):
-        lost = known.get(path.name)
-        lost_keys = {key for _, key in lost.items or ()} if lost is not None else set()
-        if path.parent.name not in exact or not lost_keys or lost_keys & set(keys):
-            path.unlink()
-            removed += 1
-    return removed
+        path.unlink()
 
 
 def _open(frontier: Frontier, lost: LostRange) -> bool:
@@ -245,7 +229,8 @@ def _error(root: Path, source: str, losses: list[LostRange]) -> DamagedData:
     still = where.with_name(f"{where.name}.open")
     if first.quarantined_as or (still.is_file() and still.stat().st_size > first.start):
         what = f"is damaged: {first.end - first.start:,} bytes at {first.start:,} can't be read"
-        what += f" and were set aside as {first.quarantined_as}" if first.quarantined_as else ""
+        if first.quarantined_as and where.with_name(first.quarantined_as).exists():
+            what += f" and were set aside as {first.quarantined_as}"
     elif first.start:
         what = f"ends at byte {first.start:,}, {first.end - first.start:,} bytes are missing"
     else:

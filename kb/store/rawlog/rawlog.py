@@ -134,13 +134,12 @@ class Frames:
         if at_byte is None or self._skip_damage:
             return
         source = self.path.parent.parent.name
-        error = DamagedData(
+        raise DamagedData(
             f"{self.path} is damaged at byte {at_byte:,}",
             hint=f"run `kb {source} filter`, then `kb {source} crawl`: it moves damaged data"
             " away and fetches it again",
+            paths=[self.path],
         )
-        error.path = self.path  # type: ignore[attr-defined]
-        raise error
 
     def first_damaged(self) -> int | None:
         """The first byte that could not be read, after the iteration; None: there is none."""

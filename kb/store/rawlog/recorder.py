@@ -130,24 +130,27 @@ class Recorder:
         """Take in what the frontier has not seen: a tail after a crash, or copied segments."""
         for path in rawlog.all_segments(self._root, self._source):
             try:
-                self._replay_one(path)
+                replay_segment(path, self._frontier, self._apply)
             except DamagedData as error:
-                if getattr(error, "path", None) != path:
+                if path not in error.paths:
                     raise
                 damaged_answers.quarantine_segment(path, self._frontier)
-                self._replay_one(path)
+                replay_segment(path, self._frontier, self._apply)
 
-    def _replay_one(self, path: Path) -> None:
-        """Raises DamagedData, with nothing taken in, where something can't be read."""
-        kind, name = path.parent.name, rawlog.base_name(path)
-        start = self._frontier.offset(kind, name)
-        if start >= path.stat().st_size:
-            return
-        frames = rawlog.Frames(path, start, checked=True)
-        with self._frontier.transaction():
-            for _, line in frames:
-                self._apply(self._frontier, kind, rawlog.decode(line))
-            self._frontier.set_offset(kind, name, frames.good)
+
+def replay_segment(path: Path, frontier: Frontier, apply: Apply) -> None:
+    """Take in what the frontier has not seen of a segment. Raises DamagedData, with nothing taken
+    in, where something can't be read.
+    """
+    kind, name = path.parent.name, rawlog.base_name(path)
+    start = frontier.offset(kind, name)
+    if start >= path.stat().st_size:
+        return
+    frames = rawlog.Frames(path, start, checked=True)
+    with frontier.transaction():
+        for _, line in frames:
+            apply(frontier, kind, rawlog.decode(line))
+        frontier.set_offset(kind, name, frames.good)
 
 
 def recover(root: Path, source: str) -> None:

@@ -129,12 +129,11 @@ def lost(root: Path, source: str, paths: Collection[Path]) -> DamagedData:
     elif not first.stat().st_size:
         what = "is empty"
     more = f" (and {len(paths) - 1:,} more files)" if len(paths) > 1 else ""
-    error = DamagedData(
+    return DamagedData(
         f"{first} {what}{more}",
         hint=f"run `kb {source} crawl`, which fetches it again; then `kb {source} filter`",
+        paths=[first],
     )
-    error.path = first  # type: ignore[attr-defined]
-    return error
 
 
 def _list(root: Path, source: str) -> Path:

@@ -100,11 +100,10 @@ def spread(
             for piece in _pieces(kind.parse(_lines(frames, name, unknown))):
                 shuffle.write(piece, piece.column(kind.bucket) if kind.bucket else None)
     except DamagedData as error:
-        if getattr(error, "path", None) is not None:
+        if error.paths:
             raise
-        named = DamagedData(f"{segment}: {error}", hint="move the file away, or copy it again")
-        named.path = segment  # type: ignore[attr-defined]
-        raise named from None
+        hint = "move the file away, or copy it again"
+        raise DamagedData(f"{segment}: {error}", hint=hint, paths=[segment]) from None
     return {
         "rows": dict(shuffle.rows),
         "unknown": dict(unknown),

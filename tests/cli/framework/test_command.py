@@ -48,27 +48,26 @@ SOURCES = ("youtube", "wiki", "reddit")
 
 # What has an effect on each command, besides the common options; all else is refused.
 APPLIES = {
-    "youtube crawl": {"workers", "limit", "wait", "again", "pipeline"},
+    "youtube crawl": {"workers", "limit", "wait", "again"},
     "youtube check": {"limit", "wait", "again"},
     "youtube import": {"limit"},
-    "wiki crawl": {"workers", "limit", "wait", "again", "pipeline"},
+    "wiki crawl": {"workers", "limit", "wait", "again"},
     "reddit crawl": {"limit", "wait", "again"},
     "reddit import": {*CLUSTER, "limit", "again"},
     "reddit reconstruct": {"workers", "limit", "wait", "again"},
-    **{f"{source} filter": {*CLUSTER, "limit", "pipeline"} for source in SOURCES},
-    **{f"annotate {source}": {*CLUSTER, "limit", "pipeline"} for source in SOURCES},
-    **{f"{source} export": {"engine", "scheduler", "pipeline"} for source in SOURCES},
+    **{f"{source} filter": {*CLUSTER, "limit"} for source in SOURCES},
+    **{f"annotate {source}": {*CLUSTER, "limit"} for source in SOURCES},
+    **{f"{source} export": {"engine", "scheduler"} for source in SOURCES},
     **{f"purge {source}": CLUSTER for source in SOURCES},
-    "pairs": {*CLUSTER, "limit", "again", "pipeline"},
-    "pairs measure": {"wait", "pipeline"},
+    "pairs": {*CLUSTER, "limit", "again"},
+    "pairs measure": {"wait"},
     "pairs score": {"workers"},
     "clips": {"workers"},
     "label export": set(),
-    "tasks": {"again", "pipeline"},
+    "tasks": {"again"},
     "label import": set(),
-    "links": {*CLUSTER, "again", "pipeline"},
-    "release": {"pipeline"},
-    "release publish": {"wait", "pipeline"},
+    "links": {*CLUSTER, "again"},
+    "release publish": {"wait"},
     "report": {"workers"},
     "index": {"again"},
     "search": {"limit"},
@@ -93,7 +92,6 @@ WITHOUT = {
 
 
 VALUES = {"workers": "2", "limit": "3", "engine": "local", "scheduler": "tcp://127.0.0.1:1"} | {
-    "pipeline": "mine.py",
     "data": "here",
     "profile": "minecraft",
 }
@@ -270,7 +268,7 @@ def test_every_command_and_option_is_described(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "running"),
-    [("youtube crawl", {"workers", "limit", "wait", "again", "pipeline"}), ("status", set())],
+    [("youtube crawl", {"workers", "limit", "wait", "again"}), ("status", set())],
 )
 def test_help_has_its_options_in_groups(name: str, running: set[str]) -> None:
     command = COMMANDS[name]

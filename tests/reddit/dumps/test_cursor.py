@@ -15,7 +15,7 @@ import pytest
 from kb.core.errors import Interrupted, LimitReached
 from kb.core.progress import LineProgress, Progress
 from kb.core.signals import stop
-from kb.crawl.purge import purge_answers
+from kb.crawl.purge import remove_keys
 from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps import cursor, known_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
@@ -212,7 +212,7 @@ def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
     os.rename(base / place.segment, cursor.hidden(base, place.segment))
     cursor.hidden(base, name).write_bytes(b"TITLE00301")
     (tmp_path / "ids.txt").write_text("t3_p00001\nt3_p00301\n")
-    purge_answers(run_in(tmp_path), RULES, RULES.read_ids(tmp_path / "ids.txt", None))
+    remove_keys(run_in(tmp_path), RULES, RULES.read_ids(tmp_path / "ids.txt", None))
     assert not list(base.glob(".*"))
     assert len(ids(tmp_path)) == 299
     import_dumps(run_in(tmp_path), [dump])

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from kb.core.config import pipeline
+from kb.core.config.pipeline import Recipe
 from kb.sandbox.invented_ids import ELSEWHERE
 from kb.sandbox.reddit.subreddit import CASES
 from tests.faults import Sandbox
@@ -153,10 +153,10 @@ def test_depth_counts_deleted_ancestors_too(judged: Work) -> None:
 def test_the_stages_stand_in_the_contracts_order() -> None:
     from kb.core.config.profile import load_profile
 
-    made, p = pipeline.load(str(pipeline.locate("reddit"))), load_profile("minecraft")
+    made, p = Recipe("reddit"), load_profile("minecraft")
     for stages, order in (
-        (made.posts(p), ["missing", "removed", "nsfw", "score", "toxicity"]),
-        (made.comments(p), ["missing", "post", "removed", "toxicity"]),
+        (made.defined("posts")(p), ["missing", "removed", "nsfw", "score", "toxicity"]),
+        (made.defined("comments")(p), ["missing", "post", "removed", "toxicity"]),
     ):
         assert list(dict.fromkeys(stage.stage for stage in stages)) == order
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from kb.artifacts.purge import dry_purge
 from kb.core.errors import DamagedData
+from kb.crawl.purge import dry_purge
 from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.purge import RULES
 from kb.sandbox.reddit.service import dumps

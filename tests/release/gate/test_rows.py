@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from kb.core.config.pipeline import load, locate
+from kb.core.config.pipeline import Recipe
 from kb.core.errors import DamagedData
 from kb.release.build import release
 from tests.release.conftest import a_run
@@ -63,7 +63,7 @@ def test_rows_that_an_unfinished_purge_was_to_remove(tmp_path: Path, kind: str, 
     shard = tmp_path / "clean/youtube/videos/part-00000.parquet"
     whole = shard.read_bytes()
     shard.write_bytes(whole[:100])
-    purge = load(str(locate("purge"))).purge
+    purge = Recipe("purge").defined("purge")
     with pytest.raises(DamagedData):
         purge(a_run(tmp_path), "youtube", **asked)
     shard.write_bytes(whole)

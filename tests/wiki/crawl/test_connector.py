@@ -15,7 +15,7 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 
-from kb.core.config.pipeline import load, locate
+from kb.core.config.pipeline import Recipe
 from kb.core.errors import (
     Challenged,
     DamagedData,
@@ -269,7 +269,7 @@ def test_verify_finds_them_and_repair_has_them_again(whole, copied):
         ("missing", pictures[2]),
         *(("damaged", path) for path in (shots[0], *pictures[:2], segment)),
     }
-    said = load(str(locate("verify"))).repair(copied)[1]
+    said = Recipe("verify").defined("repair")(copied)[1]
     assert "`kb wiki crawl` was run" in said
     assert verify(root, Progress()).entries == []
     assert tables(copied) == whole[2]
@@ -347,7 +347,7 @@ def test_later_state_leaves_tombstones(whole, crawled_later, later):
 
 def test_what_was_purged_after_its_deletion_stays_away_for_good(whole, later):
     run = later
-    assert load(str(locate("purge"))).purge(run, "wiki", None)["purged"] == 1
+    assert Recipe("purge").defined("purge")(run, "wiki", None)["purged"] == 1
     for _ in range(2):
         crawl(run)
         assert {row["page_id"] for row in tables(run)["pages"]} == {
@@ -469,15 +469,15 @@ def test_purge_leaves_nothing(whole, make_run, sandbox, tmp_path):
     root = tmp_path / "data"
     shutil.copytree(whole[0].root, root)
     run = dataclasses.replace(whole[0], root=root)
-    wiki, purge = load(str(locate("wiki"))), load(str(locate("purge")))
-    wiki.export(run)
-    wiki.export(run, "minedojo")
+    purge, export = Recipe("purge").defined("purge"), Recipe("wiki").defined("export")
+    export(run)
+    export(run, "minedojo")
     (tmp_path / "ids.txt").write_text("Net loom\n29\n")
-    summary = purge.purge(run, "wiki", tmp_path / "ids.txt")
+    summary = purge(run, "wiki", tmp_path / "ids.txt")
     assert summary["purged"] == 2
     assert tombstones.keys(root, "wiki") == {"22", "29"}
     # By its title once more: the same page, not another one.
-    again = purge.purge(run, "wiki", tmp_path / "ids.txt")
+    again = purge(run, "wiki", tmp_path / "ids.txt")
     assert again["unknown"] == 0
     assert tombstones.keys(root, "wiki") == {"22", "29"}
     left = {

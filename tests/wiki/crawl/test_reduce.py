@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from werkzeug.wrappers import Response
 
-from kb.core.config.pipeline import load, locate
+from kb.core.config.pipeline import Recipe
 from kb.core.errors import FatalError, NothingRead, SettingError
 from kb.filters.filter_run import run_clean
 from kb.store.rawlog import rawlog
@@ -123,7 +123,7 @@ def test_what_became_a_redirect_is_found_by_its_id_and_is_no_row(wiki, run):
         else None
     )
     crawl(dataclasses.replace(run, again=True))
-    assert load(str(locate("purge"))).purge(run, "wiki", None)["purged"] == 1
+    assert Recipe("purge").defined("purge")(run, "wiki", None)["purged"] == 1
     assert filtered(run)[1:] == (["Beta"], {})
 
 
@@ -174,7 +174,7 @@ def test_purge_counts_what_it_knows(wiki, run, tmp_path):
     names.write_text("alpha\nBeta\nGamma\nZeta\nEps\nNope\n")
     crawl(run, names)
     ids = tmp_path / "data.json"
-    purge = load(str(locate("purge"))).purge
+    purge = Recipe("purge").defined("purge")
     ids.write_text(
         "\ufeff"
         + json.dumps([{"metadata": {"title": "Alpha", "url": f"{wiki.url}/wiki/Alpha"}}], indent=1)

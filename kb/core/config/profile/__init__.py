@@ -11,11 +11,19 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import Field, PrivateAttr, ValidationError, create_model
 
 from kb.core.config.profile.base import Section, problems, read_text
 from kb.core.config.profile.collecting import RedditSection, WikiSection, YouTubeSection
-from kb.core.config.profile.products import ClipFiles, Pairs, Report, Scoring, Tasks, Toxicity
+from kb.core.config.profile.products import (
+    ClipFiles,
+    EntityLinks,
+    Pairs,
+    Report,
+    Scoring,
+    Tasks,
+    Toxicity,
+)
 from kb.core.config.profile.release import Release
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, folder
@@ -40,6 +48,7 @@ class ShippedProfile(Section):
     reddit: RedditSection | None = None
     pairs: Pairs | None = None
     tasks: Tasks = Tasks()
+    links: EntityLinks = EntityLinks()
     clips: ClipFiles = ClipFiles()
     score: Scoring = Scoring()
     toxicity: Toxicity = Toxicity()
@@ -48,6 +57,15 @@ class ShippedProfile(Section):
     path: Path = Field(
         Path(), exclude=True, description="the file it was read from; set when loading"
     )
+
+    _is_named: bool = PrivateAttr(False)
+
+    @property
+    def is_named(self) -> bool:
+        """Whether the user named it in this run, so that its recipes may run
+        (kb.core.config.pipeline).
+        """
+        return self._is_named
 
     @overload
     def section(self, source: type[AnySection]) -> AnySection: ...
@@ -90,8 +108,9 @@ else:  # with the sections of further sources
     )
 
 
-def load_profile(name: str | Path) -> Profile:
-    """The profile of that name in the package, or in that file.
+def load_profile(name: str | Path, *, named: bool = False) -> Profile:
+    """The profile of that name in the package, or in that file. `named`: the user named it, not
+    some data.
 
     Raises ProfileError naming the key, the value and what is allowed.
     """
@@ -109,7 +128,9 @@ def load_profile(name: str | Path) -> Profile:
         raise ProfileError(f"profile {path}: unknown key 'path'")
     try:
         # A link's own name and folder: files that it names lie beside it, not where the link leads.
-        return Profile(**data, path=path.parent.resolve() / path.name)
+        profile = Profile(**data, path=path.parent.resolve() / path.name)
+        profile._is_named = named
+        return profile
     except ValidationError as error:
         wrong = [f"{what}: {fix}" if fix else what for _, what, fix in problems(error, Profile)]
         raise ProfileError(f"profile {path}: {'; '.join(wrong)}", hint=check) from None

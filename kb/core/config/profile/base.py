@@ -9,7 +9,14 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+)
 from pydantic.fields import FieldInfo
 
 from kb.core import terminal
@@ -32,6 +39,30 @@ class Section(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, str_strip_whitespace=True, allow_inf_nan=False
     )
+
+
+def lies_beside(name: str, suffix: str) -> bool:
+    """Whether it names a file of that kind in the profile's own folder or below."""
+    return name.endswith(suffix) and not name.startswith("/") and ".." not in name.split("/")
+
+
+class RecipeSection(Section):
+    """The section of what a recipe makes, which may be one of the user's own
+    (kb.core.config.pipeline).
+    """
+
+    pipeline: str | None = Field(
+        None,
+        description="your own recipe instead of the shipped one: a Python file next to the profile",
+        examples=["mine.py"],
+    )
+
+    @field_validator("pipeline")
+    @classmethod
+    def _beside(cls, value: str | None) -> str | None:
+        if value is not None and not lies_beside(value, ".py"):
+            raise ValueError("must be a .py file in the profile's folder")
+        return value
 
 
 def _without_empty(value: tuple[str, ...]) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 from pydantic import ValidationError
 
 from kb.core.config.addresses import is_contact
+from kb.core.config.pipeline import own
 from kb.core.config.profile import Profile, load_profile, shipped_names
 from kb.core.config.profile.base import (
     ERROR,
@@ -25,10 +26,10 @@ from kb.core.config.profile.base import (
     Problem,
     is_everyday,
     is_placeholder,
+    lies_beside,
     problems,
     read_text,
 )
-from kb.core.config.profile.products import is_list_name
 from kb.core.errors import ProfileError
 from kb.core.installation import folder
 from kb.core.licences import KNOWN
@@ -93,7 +94,7 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
     section = data.get("pairs")
     names = section.get("keyword_files") if isinstance(section, dict) else None
     listed = names if isinstance(names, list) else []
-    lists = tuple(one for one in listed if isinstance(one, str) and is_list_name(one))
+    lists = tuple(one for one in listed if isinstance(one, str) and lies_beside(one, ".tsv"))
     return Checked(profile, lists, findings)
 
 
@@ -153,6 +154,11 @@ def _meant(profile: Profile, data: dict[str, Any]) -> Iterator[Remark]:
     if "pairs" in data and talks in missing:
         fix = "pairs are made of the transcripts of videos"
         yield WARNING, "pairs", f"[pairs] has no use without [{talks}]", fix
+    for name, recipe in own(profile).items():
+        if not recipe.is_file():
+            what = f"'{name}.pipeline' names {recipe.name}, which is not there"
+            fix = "write the recipe next to the profile, or leave the line out"
+            yield WARNING, f"{name}.pipeline", what, fix
     yield from _youtube(profile)
     yield from _wiki(profile)
     if profile.reddit:

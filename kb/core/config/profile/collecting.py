@@ -6,7 +6,7 @@ from typing import Literal, get_args
 from pydantic import Field, ValidationInfo, field_validator
 
 from kb.core.config.addresses import root_of
-from kb.core.config.profile.base import Phrases, Section
+from kb.core.config.profile.base import Phrases, RecipeSection, Section
 
 # What decided the topic of videos that are known to be about it: YouTube's label, or the profile,
 # which takes imported videos as meant. `keywords` only make it likely.
@@ -18,7 +18,7 @@ STILL_S = 0.5  # how long nothing of a wiki's page may load or move before it is
 TOPIC_KNOWN = (BY_LABEL, BY_PROFILE)
 
 
-class YouTubeSection(Section):
+class YouTubeSection(RecipeSection):
     """The YouTube part of a profile (MineDojo paper, data collection appendix: YouTube)."""
 
     table = "youtube"
@@ -221,7 +221,7 @@ class Markup(Section):
         return value
 
 
-class WikiSection(Section):
+class WikiSection(RecipeSection):
     """The wiki part of a profile (MineDojo paper, data collection appendix: Wiki)."""
 
     table = "wiki"
@@ -391,7 +391,7 @@ class Links(Section):
     )
 
 
-class RedditSection(Section):
+class RedditSection(RecipeSection):
     """The Reddit part of a profile (MineDojo paper, data collection appendix: Reddit)."""
 
     table = "reddit"

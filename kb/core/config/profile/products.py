@@ -6,18 +6,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from kb.core.config.profile.base import Phrases, Section
-
-
-def is_list_name(name: str) -> bool:
-    """Whether it names a keyword list in the profile's own folder."""
-    return name.endswith(".tsv") and not name.startswith("/") and ".." not in name.split("/")
-
+from kb.core.config.profile.base import Phrases, RecipeSection, Section, lies_beside
 
 _Words = Annotated[str, Field(min_length=1)]
 
 
-class Pairs(Section):
+class Pairs(RecipeSection):
     """The pairs part of a profile (MineDojo paper, data collection appendix: video-text pairs)."""
 
     table = "pairs"
@@ -66,7 +60,7 @@ class Pairs(Section):
     @classmethod
     def _inside_folder(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         for name in value:
-            if not is_list_name(name):
+            if not lies_beside(name, ".tsv"):
                 raise ValueError(f"names {name!r}; it must be a .tsv file in the profile's folder")
         return value
 
@@ -131,7 +125,7 @@ class Scoring(Section):
     )
 
 
-class Tasks(Section):
+class Tasks(RecipeSection):
     """The tasks part of a profile (MineDojo paper, appendix on the benchmark: task mining)."""
 
     table = "tasks"
@@ -224,6 +218,13 @@ class Tasks(Section):
 
 
 Score = Annotated[float, Field(gt=0, le=1)]
+
+
+class EntityLinks(RecipeSection):
+    """The links part of a profile."""
+
+    table = "links"
+    about = "Links: where each source names the keywords of pairs"
 
 
 class Thresholds(Section):

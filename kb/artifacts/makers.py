@@ -1,0 +1,211 @@
+"""Makes artifacts, alone or whatever is out of date in the order of the graph.
+
+    make_artifact(run, "pairs")             by the recipe that its declaration names
+    make_export(run, "pairs", "minedojo")   in a layout, as its command does
+    obstacles(run, names)                   what stands in the way of making these
+    make_outdated(run, plan(run, names))    those that are out of date, each after its inputs
+
+The declarations (kb.store.artifact_registry) are the only place that says how an artifact is made;
+commands, builds, purges and repairs all come through here.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from kb.artifacts import freshness, manifest
+from kb.artifacts.freshness import Reasons
+from kb.core.config.pipeline import recipe_of
+from kb.core.context import Run
+from kb.core.errors import (
+    GLOBAL_STOPS,
+    FatalError,
+    KbError,
+    NothingKept,
+    Stopped,
+    UsageError,
+    severity,
+)
+from kb.core.sources import PUBLISHED
+from kb.core.summary import Summary
+from kb.store.artifact_registry import ARTIFACTS, Maker
+
+_NONE: Mapping[str, Any] = {}
+MADE, UNCHANGED, FAILED, LEFT_OUT = "made", "unchanged", "failed", "left out"
+STOPPED = "stopped"
+
+
+class Outcome(NamedTuple):
+    """What became of an artifact that was out of date, for `reasons`.
+
+    It is made, unchanged (its inputs are the same after all), failed, stopped (with all that would
+    have come after), or left out because of an input that failed, whose name is `cause`. `error`
+    says why it failed, also of one that was made without rows.
+    """
+
+    artifact: str
+    reasons: list[str]
+    outcome: str
+    error: KbError | None = None
+    cause: str = ""
+
+    def __str__(self) -> str:
+        if self.outcome == LEFT_OUT:
+            return f"{LEFT_OUT}: {self.cause} failed"
+        return f"{FAILED}: {self.error}" if self.error else self.outcome
+
+
+class Obstacle(NamedTuple):
+    """What these artifacts can't be made without."""
+
+    error: UsageError
+    artifacts: list[str]
+
+    def __str__(self) -> str:
+        hint = f"; {self.error.hint}" if self.error.hint else ""
+        return f"{', '.join(self.artifacts)} can't be made: {self.error}{hint}"
+
+
+def obstacles(run: Run, outdated: Iterable[str]) -> list[Obstacle]:
+    """What stands in the way of making these artifacts, each thing once: a recipe that may not run,
+    a model, an extra, a wrong setting. A recipe says by `<function>_needs` what a function needs.
+    """
+    found: dict[str, Obstacle] = {}
+    for name in outdated:
+        maker = ARTIFACTS[name].maker
+        try:
+            if maker is not None:
+                needs = recipe_of(run.profile, maker.recipe).defined(
+                    f"{maker.function}_needs", None
+                )
+                if needs is not None:
+                    needs(run, *maker.arguments)
+        except UsageError as error:
+            found.setdefault(str(error), Obstacle(error, [])).artifacts.append(name)
+    return list(found.values())
+
+
+def made_of_these(names: Iterable[str], outdated: Iterable[str]) -> set[str]:
+    """These artifacts and those of the outdated ones, which come after their inputs, that need
+    them.
+    """
+    lost = set(names)
+    for name in outdated:
+        if lost.intersection(ARTIFACTS[name].inputs):
+            lost.add(name)
+    return lost
+
+
+def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None) -> Summary:
+    """Make an artifact by its recipe; an export by default with the options that it was made with.
+    Returns the summary of its command.
+
+    Raises SettingError for a recipe that may not run, and what the recipe raises.
+    """
+    maker = ARTIFACTS[name].maker
+    if maker is None:
+        raise ValueError(f"{name} is kept: nothing makes it again")
+    given = recorded_options(run.root, name) if options is None else options
+    make = recipe_of(run.profile, maker.recipe).defined(maker.function)
+    summary: Summary = make(run, *maker.arguments, **given)
+    return summary
+
+
+def recorded_options(root: Path, name: str) -> dict[str, Any]:
+    """The options with which an export was made; none for one that was not. Raises DamagedData."""
+    made = manifest.read(root, name) if name.startswith("export/") else None
+    options = dict(made.figures) if made is not None else {}
+    if "tokenizer" in options and not Path(options["tokenizer"]).is_file():
+        del options["tokenizer"]  # then words are counted
+    return options
+
+
+def make_export(run: Run, name: str, layout: str, options: Mapping[str, Any] = _NONE) -> Summary:
+    """Make the release folder of what is published under that name, with those that are part of it,
+    or another layout. Raises as `make_artifact`.
+    """
+    if layout != "parquet":
+        maker = Maker(name, "export", (layout,))
+        first = next(one for one in ARTIFACTS if ARTIFACTS[one].maker == maker)
+        return make_artifact(run, first, options)
+    made = make_artifact(run, f"release/{name}")
+    for part in PUBLISHED:
+        if PUBLISHED[part].part_of == name:
+            more = make_artifact(run, f"release/{part}")
+            made |= {what: n for what, n in more.items() if isinstance(n, int) and n}
+    return made
+
+
+def make_and_export(run: Run, name: str, layout: str = "parquet") -> Summary:
+    """Make tables, then a layout of them. Raises likewise."""
+    made = make_artifact(run, name)
+    exported = make_export(run, name, layout)
+    return Summary(made, **({"release": exported["path"]} if layout == "parquet" else exported))
+
+
+def make_outdated(run: Run, outdated: Reasons) -> Iterator[Outcome]:
+    """Make these artifacts, which come after their inputs, each if it is still out of date when its
+    turn comes; a failure ends nothing but what is made of it.
+
+    What concerns every artifact, as a full disk does, ends the rest. Raises SettingError before
+    anything is made where a recipe may not run.
+    """
+    for name in outdated:
+        if (maker := ARTIFACTS[name].maker) is not None:
+            recipe_of(run.profile, maker.recipe)
+    lost: dict[str, Outcome] = {}  # what is not there in today's form
+    blocked: dict[str, KbError] = {}
+    for obstacle in obstacles(run, outdated):
+        run.progress.say(str(obstacle))
+        blocked |= dict.fromkeys(obstacle.artifacts, obstacle.error)
+    for name, why in outdated.items():
+        outcome = _made(run, name, why, lost, blocked)
+        if outcome.outcome in (FAILED, LEFT_OUT):
+            lost[name] = outcome
+        yield outcome
+        if outcome.outcome == STOPPED:
+            break
+    if left_out := [one.artifact for one in lost.values() if one.outcome == LEFT_OUT]:
+        run.progress.say(f"left out, as what they are made of failed: {', '.join(left_out)}")
+
+
+def _made(
+    run: Run,
+    name: str,
+    why: list[str],
+    lost: Mapping[str, Outcome],
+    blocked: Mapping[str, KbError],
+) -> Outcome:
+    for one in ARTIFACTS[name].inputs:
+        if one in lost:
+            return Outcome(name, why, LEFT_OUT, lost[one].error, lost[one].cause or one)
+    try:
+        if not freshness.reasons(run, name):
+            return Outcome(name, why, UNCHANGED)
+        if name in blocked:
+            return Outcome(name, why, FAILED, blocked[name])
+        run.progress.say(f"{name}: {', '.join(why)}")
+        make_artifact(run, name)
+    except GLOBAL_STOPS as error:
+        return Outcome(name, why, STOPPED, error)
+    except KbError as error:
+        run.progress.say(f"{name} failed: {error}")
+        # Where nothing was kept, the tables are there, without rows.
+        return Outcome(name, why, MADE if isinstance(error, NothingKept) else FAILED, error)
+    return Outcome(name, why, MADE)
+
+
+def failure(outcomes: Iterable[Outcome]) -> KbError | None:
+    """The error with which a command ends after these outcomes: the worst by `severity`."""
+    failed = [
+        (outcome.artifact, outcome.error)
+        for outcome in outcomes
+        if outcome.error is not None and outcome.outcome != LEFT_OUT
+    ]
+    if not failed:
+        return None
+    artifact, error = min(failed, key=lambda pair: severity(pair[1]))
+    if isinstance(error, Stopped):
+        return error
+    more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
+    return FatalError(f"{artifact}{more} failed: {error}", hint=error.hint)

@@ -1,0 +1,56 @@
+"""Draws the graph of artifacts (`kb build --graph --out FILE.svg`): a column for each step from raw
+answers on, a box for each artifact in the colour of its state.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+from kb.artifacts.graph_view import CURRENT, STALE, GraphNode
+from kb.look.charts import GREEN, GREY, INK, ORANGE, PALE, canvas, saved, shortened
+
+_COLUMN, _ROW = 2.6, 0.42  # inches
+_LONGEST = 40  # letters of a reason
+_COLOURS = {CURRENT: GREEN, STALE: ORANGE}
+
+
+def drawn(nodes: Sequence[GraphNode]) -> bytes:
+    """The graph as SVG."""
+    places = _places(nodes)
+    across = 1 + max(column for column, _ in places.values())
+    down = 1 + max(row for _, row in places.values())
+    sheet, axes = canvas(down * _ROW, width=across * _COLUMN)
+    axes.set_axis_off()
+    axes.set_xlim(-0.05, across)
+    axes.set_ylim(down - 0.4, -0.6)
+    for node in nodes:
+        column, row = places[node.artifact]
+        for one in node.inputs:
+            if one in places:
+                from_column, from_row = places[one]
+                axes.plot([from_column, column], [from_row, row], color=PALE, zorder=1)
+    states = {node.artifact: node for node in nodes}
+    for name, (column, row) in places.items():
+        own = states.get(name)
+        colour = _COLOURS.get(own.state, GREY) if own is not None else INK
+        box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": colour}
+        axes.text(column, row, name, color=INK, fontsize=8, va="center", bbox=box, zorder=2)
+        if own is not None and own.state != CURRENT:
+            why = shortened(", ".join(own.reasons) or own.shown_state, _LONGEST)
+            axes.text(column, row + 0.42, why, color=colour, fontsize=5, va="center", zorder=3)
+    return saved(sheet)["svg"]
+
+
+def _places(nodes: Sequence[GraphNode]) -> dict[str, tuple[int, int]]:
+    """Column and row of every artifact and of what is kept: each right of all its inputs."""
+    columns: dict[str, int] = {}
+    for node in nodes:
+        for one in node.inputs:
+            if not any(one == other.artifact for other in nodes):
+                columns.setdefault(one, 0)
+        columns[node.artifact] = 1 + max(columns.get(one, 0) for one in node.inputs)
+    rows: dict[int, int] = defaultdict(int)
+    places = {}
+    for name, column in columns.items():
+        places[name] = (column, rows[column])
+        rows[column] += 1
+    return places

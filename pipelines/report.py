@@ -1,0 +1,19 @@
+"""Report: figures and one page of what was collected (MineDojo paper, appendix "Datasheet":
+composition).
+"""
+
+from pathlib import Path
+
+from kb.core.context import Run
+from kb.core.summary import Summary
+from kb.report import build
+
+
+def report_needs(run: Run) -> None:
+    """Raises UsageError without the extra that draws."""
+    build.check_extra()
+
+
+def report(run: Run, out: Path | None = None) -> Summary:
+    """clean/, pairs/, tasks/ and links/ → report/, or `out`."""
+    return build.report(run, out)
