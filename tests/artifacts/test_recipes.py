@@ -152,8 +152,11 @@ def test_a_release_has_its_recipe_as_text_that_nothing_runs(
     ]
     mark.unlink()
     shutil.copytree(recipe.parent, folder / "recipes")  # as a stranger might
-    done = kb("youtube", "filter", "--profile", folder / "profile.toml", home="elsewhere")
-    assert (done.code, str(folder / "recipes" / "mine.py") in done.err) == (2, True)
+    link = profile.with_name("link.toml")
+    link.symlink_to(folder / "profile.toml")
+    for named in (f"{folder}/", folder / "profile.toml", link):
+        done = kb("youtube", "filter", "--profile", named, home="elsewhere")
+        assert (done.code, str(folder / "recipes" / "mine.py") in done.err) == (2, True)
     assert not mark.exists()
 
 
