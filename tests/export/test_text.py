@@ -13,6 +13,7 @@ import pytest
 from tokenizers import Tokenizer, models, pre_tokenizers, trainers
 
 from kb.artifacts import freshness
+from kb.artifacts.makers import make_artifact
 from kb.core.errors import FatalError, SettingError
 from kb.export import layouts, text
 from kb.export.contacts import replaced
@@ -190,7 +191,7 @@ def test_options_of_chunks_are_kept_and_asked_for_with_text_only(
     assert made["tokens"] == "words × 1.3"
     before = lines(root, "reddit")
     assert {"document", "chunk", "chunks"} <= set(before[0]["metadata"])
-    layouts.export_again(run, "reddit")  # as a purge does
+    make_artifact(run, "export/text/reddit.jsonl")  # as a purge does
     assert lines(root, "reddit") == before
     with pytest.raises(SettingError, match="can't be read"):
         layouts.export(run, "reddit", "text", chunk_tokens=40, tokenizer=str(root / "none"))
