@@ -30,6 +30,7 @@ from kb.filters.filter_run import texts
 from kb.release.build import describe
 from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, RELEASE
+from kb.store.layout import Layout
 
 STEPS: tuple[Step, ...] = (steps.index, steps.rows, steps.exports)
 
@@ -85,7 +86,9 @@ def _asked_for(
 
 def _write_again(run: Run, source: str) -> None:
     """What is made of the source is made again, and what can't be is removed."""
-    kept = (f"clean/{source}", f"index/{source}", RELEASE)
+    for parts in (Layout(run.root).pairing, Layout(run.root).linking):  # of unfinished builds
+        shutil.rmtree(parts, ignore_errors=True)
+    kept = (f"clean/{source}", f"index/{source}", "pairs", RELEASE)  # rows left them in place
     there = [
         name
         for name, artifact in ARTIFACTS.items()

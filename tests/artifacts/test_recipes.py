@@ -204,3 +204,4 @@ def test_the_graph_is_printed_and_drawn(kb: Kb, profile: Path, tmp_path: Path) -
     assert "pairs  not made: there is nothing to make it from\n" in done.out
     assert "<!-- clean/youtube -->" in drawing.read_text()
     assert kb("build", "--out", drawing).code == 2
+    assert kb("build", "pairs", "--graph", "--out", drawing).code == 0
