@@ -16,7 +16,6 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Description, GivenUp, PurgeKeys, RawRows
-from kb.filters.filter_run import check_kept, check_scorer, run_clean
 from kb.filters.predicates import AtLeast, In, NotIn, NotTrue, Predicate, Present, Waits, none_above
 from kb.reddit import status
 from kb.reddit.parse.answers import KINDS, raw_kind
@@ -82,17 +81,7 @@ def clean(p: Profile) -> Clean:
     )
 
 
-def tables_needs(run: Run) -> None:
-    """Raises UsageError without the model that scores texts."""
-    check_scorer(run, "reddit")
-
-
-def tables(run: Run) -> Summary:
-    """raw/reddit to clean/reddit."""
-    return check_kept(run, "reddit", run_clean(run, "reddit"))
-
-
-def export(run: Run, format: str = "parquet", **options: Any) -> Summary:
-    """clean/reddit to release/reddit, or to export/<format>."""
-    made = layouts.export(run, "reddit", format, **options)
+def export(run: Run, source: str, format: str = "parquet", **options: Any) -> Summary:
+    """clean/reddit to release/reddit, or to export/<format>, with what could be read in part."""
+    made = layouts.export(run, source, format, **options)
     return Summary(made | status.incomplete_count(run.root))

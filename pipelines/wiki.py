@@ -11,14 +11,12 @@ tables, images with captions, sprites, and all frames of what moves.
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
 from kb.core.config.profile.collecting import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
-from kb.export import layouts
 from kb.filters.chain import (
     Chain,
     Clean,
@@ -28,7 +26,6 @@ from kb.filters.chain import (
     RawRows,
     SideFiles,
 )
-from kb.filters.filter_run import check_kept, check_scorer, run_clean
 from kb.filters.predicates import AtLeast, Predicate, Present, RecordedReason, Waits, none_above
 from kb.wiki.parse import tables as parsed
 from kb.wiki.parse.decode import HELPERS, KINDS, assemble
@@ -85,18 +82,3 @@ def clean(p: Profile) -> Clean:
         scorer=toxicity,
         figures=lambda _, made: parsed.figures(made),
     )
-
-
-def tables_needs(run: Run) -> None:
-    """Raises UsageError without the model that scores texts."""
-    check_scorer(run, "wiki")
-
-
-def tables(run: Run) -> Summary:
-    """raw/wiki to clean/wiki."""
-    return check_kept(run, "wiki", run_clean(run, "wiki"))
-
-
-def export(run: Run, format: str = "parquet", **options: Any) -> Summary:
-    """clean/wiki to release/wiki, or to export/<format>."""
-    return layouts.export(run, "wiki", format, **options)

@@ -8,7 +8,6 @@ descriptions with Detoxify, drop above the threshold. Released: ids and metadata
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
@@ -25,7 +24,6 @@ from kb.filters.chain import (
     PurgeKeys,
     RawRows,
 )
-from kb.filters.filter_run import check_kept, check_scorer, run_clean
 from kb.filters.predicates import (
     PUBLIC,
     AtLeast,
@@ -126,21 +124,6 @@ def clean(p: Profile) -> Clean:
         complete=with_tracks,
         figures=lambda _, made: kept_counts(made),
     )
-
-
-def tables_needs(run: Run) -> None:
-    """Raises UsageError without the model that scores texts."""
-    check_scorer(run, "youtube")
-
-
-def tables(run: Run) -> Summary:
-    """raw/youtube to clean/youtube."""
-    return check_kept(run, "youtube", run_clean(run, "youtube"))
-
-
-def export(run: Run, format: str = "parquet", **options: Any) -> Summary:
-    """clean/youtube to release/youtube, or to export/<format>."""
-    return layouts.export(run, "youtube", format, **options)
 
 
 def export_open_text(run: Run) -> Summary:

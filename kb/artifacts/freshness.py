@@ -39,6 +39,7 @@ MODEL = "KB_TOXICITY_MODEL"
 FORMATS = tuple(dict.fromkeys(name for one in PUBLISHED.values() for name in one.formats))
 NAMES = (*SOURCES, *(name for name in MADE_OF if name != "open-text"), "index", "report", RELEASE)
 NEVER_MADE = "not made yet"
+_NO_RECIPE = "its recipe was not recorded"
 _LONGEST = 40  # characters of a value in a message
 _SHOWN = 3  # artifacts that a warning names
 
@@ -135,15 +136,15 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
             why.append(one)
         elif manifest.input_digest(root, name, one, find) != made.inputs.get(one):
             why.append("/".join(one.split("/")[:2]))
-    return [*dict.fromkeys(why), *changes(made, _settings_now(run, name, made))]
+    changed = changes(made, _settings_now(run, name, made))
+    return [*dict.fromkeys(why), *_unrecorded(made), *changed]
 
 
 def changes(made: Manifest, now: Mapping[str, Any]) -> list[str]:
     """What has changed of settings and rules since an artifact was made, in words."""
     before, rules = made.settings, ARTIFACTS[made.artifact].rules
-    has_recipe = any(key.endswith(".py") for key in before)
-    changed = [] if has_recipe else ["its recipe was not recorded"]  # by an older version
-    changed += [
+    has_recipe = not _unrecorded(made)
+    changed = [
         _change(key, before.get(key), now.get(key))
         for key in dict.fromkeys((*now, *before))
         if now.get(key) != before.get(key) and (has_recipe or not key.endswith(".py"))
@@ -151,6 +152,11 @@ def changes(made: Manifest, now: Mapping[str, Any]) -> list[str]:
     if len(changed) > 1:  # what changed in it is named
         changed = [one for one in changed if one != PROFILE_FILE]
     return changed + ([f"rules {made.rules} → {rules}"] if made.rules != rules else [])
+
+
+def _unrecorded(made: Manifest) -> list[str]:
+    """A reason, where an older version made an artifact."""
+    return [] if any(key.endswith(".py") for key in made.settings) else [_NO_RECIPE]
 
 
 def _change(key: str, before: Any, now: Any) -> str:
@@ -202,7 +208,7 @@ def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
         folder = f"release/{name}"
         if folder in stale or made.inputs.get(folder) != _described_input(run.root, name):
             why.append(folder)
-    return why + changes(made, _release_settings(run))
+    return [*why, *_unrecorded(made), *changes(made, _release_settings(run))]
 
 
 def _release_settings(run: Run) -> dict[str, Any]:

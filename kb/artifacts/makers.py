@@ -28,7 +28,7 @@ from kb.core.errors import (
 )
 from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
-from kb.store.artifact_registry import ARTIFACTS, Maker
+from kb.store.artifact_registry import ARTIFACTS
 
 _NONE: Mapping[str, Any] = {}
 MADE, UNCHANGED, FAILED, LEFT_OUT = "made", "unchanged", "failed", "left out"
@@ -125,9 +125,9 @@ def make_export(run: Run, name: str, layout: str, options: Mapping[str, Any] = _
     or another layout. Raises as `make_artifact`.
     """
     if layout != "parquet":
-        maker = Maker(name, "export", (layout,))
-        first = next(one for one in ARTIFACTS if ARTIFACTS[one].maker == maker)
-        return make_artifact(run, first, options)
+        places = PUBLISHED[name].exports
+        first = next(one for one in places if one.partition("/")[0] == layout)
+        return make_artifact(run, f"export/{first}", options)
     made = make_artifact(run, f"release/{name}")
     for part in PUBLISHED:
         if PUBLISHED[part].part_of == name:

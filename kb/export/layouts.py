@@ -46,8 +46,10 @@ def export(run: Run, name: str, layout: str = "parquet", **options: Any) -> Summ
             ARTIFACTS[one].manifest(run.root).unlink(missing_ok=True)
         made = writers(name)[layout](run, **options)
         for one in places:
-            there = ARTIFACTS[one].folder(run.root).exists()
-            files = {".": FileEntry()} if there else {}
+            place = ARTIFACTS[one].folder(run.root)
+            every = [place] if place.is_file() else place.rglob("*")
+            there = [path for path in every if path.is_file()]
+            files = {str(path.relative_to(place)): FileEntry(path.stat().st_size) for path in there}
             as_made = manifest.of(one, inputs[one], freshness.settings(run, one), files, options)
             manifest.write(ARTIFACTS[one].manifest(run.root), as_made)
     if not isinstance(made, Summary):

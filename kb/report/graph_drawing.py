@@ -16,8 +16,8 @@ _COLOURS = {CURRENT: GREEN, STALE: ORANGE}
 def drawn(nodes: Sequence[GraphNode]) -> bytes:
     """The graph as SVG."""
     places = _places(nodes)
-    across = 1 + max(column for column, _ in places.values())
-    down = 1 + max(row for _, row in places.values())
+    across = 1 + max((column for column, _ in places.values()), default=0)
+    down = 1 + max((row for _, row in places.values()), default=0)
     sheet, axes = canvas(down * _ROW, width=across * _COLUMN)
     axes.set_axis_off()
     axes.set_xlim(-0.05, across)

@@ -169,7 +169,7 @@ def _declared() -> Iterator[Artifact]:
                 _released_inputs(name),
                 f"{_command(name, 'export')} --format {format_}",
                 f"release-{name}",
-                maker=Maker(name, "export", (format_,)),
+                maker=Maker(name, "export", (*_own_name(name), format_)),
                 public=True,
                 settings=("name",),
             )
@@ -204,7 +204,7 @@ def _clean(source: str) -> Artifact:
         f"kb {source} filter",
         source,
         tuple(name for name in own if not name.endswith("/missing")),
-        maker=Maker(source, "tables"),
+        maker=Maker(source, "tables", (source,)),
         settings=(source, "toxicity.toxicity", f"toxicity.thresholds.{source}"),
         other_settings=tuple(f"{source}.{key}" for key in SOURCES[source].crawl_settings),
         rules=_RULES.get(f"clean/{source}", 2),
@@ -237,10 +237,17 @@ def _released(name: str) -> Artifact:
         f"release-{name}",
         own,
         reads,
-        maker=Maker(owner or name, f"export_{name.replace('-', '_')}" if owner else "export"),
+        maker=Maker(owner, f"export_{name.replace('-', '_')}")
+        if owner
+        else Maker(name, "export", _own_name(name)),
         public=True,
         settings=("release.shard_mb", *(("release.open_text",) if owner else ())),
     )
+
+
+def _own_name(name: str) -> tuple[str, ...]:
+    """What a function of a source's recipe, which may be the same for all, is called with."""
+    return (name,) if name in SOURCES else ()
 
 
 def _command(name: str, of_source: str) -> str:

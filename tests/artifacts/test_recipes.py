@@ -152,8 +152,11 @@ def test_a_release_has_its_recipe_as_text_that_nothing_runs(
     ]
     mark.unlink()
     shutil.copytree(recipe.parent, folder / "recipes")  # as a stranger might
-    done = kb("youtube", "filter", "--profile", folder / "profile.toml", home="elsewhere")
-    assert (done.code, str(folder / "recipes" / "mine.py") in done.err) == (2, True)
+    link = profile.with_name("link.toml")
+    link.symlink_to(folder / "profile.toml")
+    for named in (f"{folder}/", folder / "profile.toml", link):
+        done = kb("youtube", "filter", "--profile", named, home="elsewhere")
+        assert (done.code, str(folder / "recipes" / "mine.py") in done.err) == (2, True)
     assert not mark.exists()
 
 
@@ -201,3 +204,4 @@ def test_the_graph_is_printed_and_drawn(kb: Kb, profile: Path, tmp_path: Path) -
     assert "pairs  not made: there is nothing to make it from\n" in done.out
     assert "<!-- clean/youtube -->" in drawing.read_text()
     assert kb("build", "--out", drawing).code == 2
+    assert kb("build", "pairs", "--graph", "--out", drawing).code == 0

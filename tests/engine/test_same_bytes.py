@@ -14,9 +14,8 @@ import zstandard
 
 from kb.annotate import toxicity
 from kb.annotate.toxicity import ToxicityScorer
-from kb.artifacts.makers import make_and_export
+from kb.artifacts.makers import make_and_export, make_artifact
 from kb.core import clock
-from kb.core.config.pipeline import Recipe
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
@@ -92,7 +91,7 @@ def youtube(run: Run, given: Path) -> None:
     summary = run_clean(run, "youtube")
     assert summary["kept"] > 10
     assert summary["rejected"] > 20
-    Recipe("youtube").defined("export")(run, "parquet")
+    make_artifact(run, "release/youtube")
 
 
 def wiki(run: Run, given: Path) -> None:

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from kb.artifacts import freshness
 from kb.artifacts.makers import make_and_export
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
@@ -130,6 +131,11 @@ def test_video2dataset_reads_the_clips(run: Run, tmp_path: Path) -> None:
     assert [(row["pair_id"], row["clips"], row["caption"]) for row in rows] == [
         (row["pair_id"], [[row["clip_start_s"], row["clip_end_s"]]], row["text"]) for row in pairs
     ]
+
+
+def test_a_folder_is_complete_once_it_is_made(run: Run) -> None:
+    _export(run, "video2dataset")
+    assert freshness.reasons(run, "export/video2dataset") == []
 
 
 def test_video2dataset_can_download_each_video_once(run: Run) -> None:

@@ -43,6 +43,12 @@ def clean(p):
 '''
 
 
+@pytest.fixture(autouse=True)
+def _own_notes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What may run is noted outside of the user's home."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "notes"))
+
+
 def test_a_pipeline_of_one_s_own_with_scores(root: Path, tmp_path: Path) -> None:
     mine = tmp_path / "mine.py"
     mine.write_text(MINE)

@@ -75,7 +75,7 @@ class Work:
         return run_clean(self.run(), "reddit")
 
     def export(self, layout: str = "parquet") -> Summary:
-        return Recipe("reddit").defined("export")(self.run(), layout)
+        return Recipe("reddit").defined("export")(self.run(), "reddit", layout)
 
     def refresh(self, older_than: int | None = None, **options: Any) -> Summary:
         return refresh(self.run(**options), older_than)

@@ -72,9 +72,9 @@ def build(
     """Make what is out of date: filters, exports, pairs, tasks, links, index, report, release.
 
     Out of date is what was made from other inputs, from other values of the profile or of keyword
-    files, or by older rules. What turns out to have the same inputs after all is left as it is. A
-    source without raw data is left out. After a failure everything that does not depend on it is
-    still made; the same command resumes.
+    files, by another recipe or by older rules. What turns out to have the same inputs after all is
+    left as it is. A source without raw data is left out. After a failure everything that does not
+    depend on it is still made; the same command resumes.
     """
     from kb.artifacts import freshness
 

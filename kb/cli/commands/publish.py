@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -12,7 +14,7 @@ import typer
 from kb.cli.framework.command import DumpsCommand, command, group
 from kb.cli.framework.messages import show, with_options
 from kb.cli.framework.options import Dumps, Options, Plan
-from kb.core.config.pipeline import Recipe, recipe_of
+from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.core.errors import KbError, ReleaseRefused, SettingError
 from kb.core.sources import SOURCES
@@ -56,7 +58,11 @@ def release(run: Run, only: Only = None) -> Summary:
     Every problem that prevents publishing is listed on a line, and nothing is written (exit code
     1).
     """
-    return _listed(run, "release", only or [])
+    from kb.artifacts.makers import make_artifact
+    from kb.store.artifact_registry import RELEASE
+
+    with _problems_listed():
+        return make_artifact(run, RELEASE, {"only": only or []})
 
 
 @command(
@@ -117,14 +123,18 @@ def publish(
     the data. An interrupted upload resumes.
     """
     _check_options(to, publish=publish, repo=repo, private=private, squash=squash_history)
+    from kb.release.publish import publish as upload
+
     run = options.make_run()
     if plan:
-        return _listed(run, "plan", str(to), only or [], repo)
+        with _problems_listed():
+            return upload.plan(run, str(to), only=only, named=repo)
     hub = {"named": repo, "private": private, "squash": squash_history}
     done: dict[str, Any] = {}
     try:
-        how = hub if to is Target.hub else {"publish": publish}
-        summary = _listed(run, "publish", str(to), only or [], **how)
+        how: dict[str, Any] = hub if to is Target.hub else {"publish": publish}
+        with _problems_listed():
+            summary = upload.publish(run, str(to), only=only, **how)
         done = summary
         return summary
     except KbError as error:
@@ -157,11 +167,11 @@ def _check_options(
         )
 
 
-def _listed(run: Run, name: str, *given: object, **how: object) -> Summary:
-    """Call the pipeline; the reasons of a refusal go to stderr, one line each."""
+@contextlib.contextmanager
+def _problems_listed() -> Iterator[None]:
+    """The reasons of a refusal go to stderr, one line each."""
     try:
-        summary: Summary = recipe_of(run.profile, "release").defined(name)(run, *given, **how)
-        return summary
+        yield
     except ReleaseRefused as error:
         for line in error.problems:
             show(with_options(line), err=True)

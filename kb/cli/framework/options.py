@@ -223,7 +223,8 @@ def _profile(name: str | None, root: Path, needs: str, *, named: bool) -> Profil
     if needs == "nothing":
         return Profile(name="none", title="none")
     if name is not None:
-        is_released = (find_profile(name).parent / SUMS).exists()  # no release runs code
+        place = find_profile(name).resolve().parent
+        is_released = (place / SUMS).exists()  # no release runs code
         profile = load_profile(name, named=named and not is_released)
         domain_binding.check(root, profile)
         return profile

@@ -1,7 +1,8 @@
 """Recipes: Python files that say how artifacts are made, the shipped ones and a user's own alike.
 
 A user's own is named in the profile (`[youtube] pipeline = "mine.py"`) and lies beside it. What it
-does not define is taken from the shipped one. It is code, and a data root or a release may come
+does not define is taken from the shipped one, then from what all sources share
+(`pipelines/source.py`). It is code, and a data root or a release may come
 from a stranger: so it runs only from a profile that the user named, or where this machine has noted
 its path and text, outside of every data root, when it copied it into one.
 """
@@ -139,8 +140,9 @@ class Recipe(NamedTuple):
     def _modules(self) -> Iterator[ModuleType]:
         if self.text:
             yield _module(self.path, self.text)
-        path = shipped(self.name)
-        yield _module(str(path), path.read_text(encoding="utf-8"))
+        paths = [shipped(self.name), *([shipped("source")] if self.name in SOURCES else [])]
+        for path in paths:
+            yield _module(str(path), path.read_text(encoding="utf-8"))
 
 
 def recipe_of(profile: Profile, name: str) -> Recipe:

@@ -1,11 +1,13 @@
 """Addresses of services, and pipeline files."""
 
+import pickle
 from pathlib import Path
 
 import pytest
 
-from kb.core.config import pipeline
 from kb.core.config.addresses import in_the_clear, is_loopback, root_of
+from kb.core.config.pipeline import digests, recipe_of
+from kb.core.config.profile import Profile, load_profile
 from kb.core.errors import SettingError
 
 
@@ -49,33 +51,58 @@ def test_a_root_has_no_slash_at_its_end(value: str) -> None:
     assert root_of(value, "") == value.rstrip("/")
 
 
-def test_a_file_of_the_user_s_own_wins(tmp_path: Path) -> None:
-    own = tmp_path / "mine.py"
-    own.write_text("ANSWER = 42\n")
-    assert pipeline.load(str(pipeline.locate("youtube", str(own)))).ANSWER == 42
-    assert pipeline.locate("youtube").parent.name == "pipelines"
+@pytest.fixture
+def profile(tmp_path: Path) -> Profile:
+    """One that names mine.py beside it."""
+    path = tmp_path / "profile.toml"
+    path.write_text('name = "mine"\ntitle = "Mine"\n[tasks]\npipeline = "mine.py"\n')
+    return load_profile(path, named=True)
+
+
+def test_a_file_of_the_user_s_own_wins(profile: Profile) -> None:
+    profile.resolve_file("mine.py").write_text("tables = 42\n")
+    recipe = recipe_of(profile, "tasks")
+    assert recipe.defined("tables") == 42
+    assert callable(recipe.defined("export"))  # what it does not define is the shipped one's
+    assert recipe_of(profile, "pairs") == ("pairs", "", "")
+    with pytest.raises(SettingError, match="does not define `nothing`"):
+        recipe.defined("nothing")
 
 
 @pytest.mark.parametrize("text", ["import no_such_module_of_ours", "def ("])
-def test_a_file_that_cannot_be_loaded_is_named(tmp_path: Path, text: str) -> None:
-    own = tmp_path / "mine.py"
-    own.write_text(text)
-    with pytest.raises(SettingError, match="can't be loaded"):
-        pipeline.load(str(own))
+def test_a_file_that_cannot_be_loaded_is_named(profile: Profile, text: str) -> None:
+    profile.resolve_file("mine.py").write_text(text)
+    with pytest.raises(SettingError, match=r"mine\.py can't be loaded"):
+        recipe_of(profile, "tasks").defined("tables")
 
 
-def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(SettingError, match="there is no pipeline file"):
-        pipeline.locate("youtube", str(tmp_path / "mine.py"))
+def test_a_file_that_is_missing_is_named(profile: Profile) -> None:
+    with pytest.raises(SettingError, match=r"mine\.py can't be read: No such file"):
+        recipe_of(profile, "tasks")
+    assert list(digests(profile, "tasks")) == ["pipelines/tasks.py"]
 
 
-def test_a_process_that_stays_up_runs_a_file_as_it_is_now(tmp_path: Path) -> None:
-    own = tmp_path / "mine.py"
+def test_a_process_that_stays_up_runs_a_file_as_it_is_now(profile: Profile) -> None:
     for answer in (1, 2):
-        own.write_text(f"ANSWER = {answer}\n")
-        assert answer == pipeline.load(str(own)).ANSWER
-        sent = pipeline.packed("youtube", str(own))
-        own.unlink()  # on another machine it is not there
-        assert answer == pipeline.unpack(*sent).ANSWER
-    assert pipeline.packed("youtube") == ("youtube", "")
-    assert pipeline.unpack("youtube", "").clean
+        profile.resolve_file("mine.py").write_text(f"ANSWER = {answer}\n")
+        sent = pickle.dumps(recipe_of(profile, "tasks"))
+        profile.resolve_file("mine.py").unlink()  # on another machine it is not there
+        assert answer == pickle.loads(sent).defined("ANSWER")
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ('def f(x):\n    """Other words."""\n\n    return (x + 1)  # a remark\n', True),
+        ("def f(x):\n    return x + 2\n", False),
+        ("def f(x):\n    return x + 1.0\n", False),
+        ("def f(x=None):\n    return x + 1\n", False),
+        ("def f(x", False),
+    ],
+)
+def test_a_digest_is_of_what_a_recipe_does(profile: Profile, text: str, same: bool) -> None:
+    noted = []
+    for one in ('def f(x):\n    """Words."""\n    return x + 1\n', text):
+        profile.resolve_file("mine.py").write_text(one)
+        noted.append(digests(profile, "tasks")["mine.py"])
+    assert (noted[0] == noted[1]) is same

@@ -5,11 +5,7 @@ from collections.abc import Iterable, Iterator
 import pyarrow as pa
 
 from kb.core.config.profile import Profile
-from kb.core.context import Run
-from kb.core.summary import Summary
-from kb.export import layouts
 from kb.filters.chain import Chain, Clean, RawRows
-from kb.filters.filter_run import check_kept, run_clean
 from kb.filters.predicates import AtLeast
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
@@ -33,13 +29,3 @@ def clean(p: Profile) -> Clean:
         ),
         chains=(Chain("feed/notes", "note_id", stages),),
     )
-
-
-def tables(run: Run) -> Summary:
-    """raw/feed to clean/feed."""
-    return check_kept(run, "feed", run_clean(run, "feed"))
-
-
-def export(run: Run, format: str = "parquet") -> Summary:
-    """clean/feed to release/feed."""
-    return layouts.export(run, "feed", format)

@@ -470,8 +470,8 @@ def test_purge_leaves_nothing(whole, make_run, sandbox, tmp_path):
     shutil.copytree(whole[0].root, root)
     run = dataclasses.replace(whole[0], root=root)
     purge, export = Recipe("purge").defined("purge"), Recipe("wiki").defined("export")
-    export(run)
-    export(run, "minedojo")
+    export(run, "wiki")
+    export(run, "wiki", "minedojo")
     (tmp_path / "ids.txt").write_text("Net loom\n29\n")
     summary = purge(run, "wiki", tmp_path / "ids.txt")
     assert summary["purged"] == 2
