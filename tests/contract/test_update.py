@@ -50,7 +50,7 @@ def test_what_is_gone_there_is_gone_here_and_nothing_is_asked_twice(job: Job) ->
         ("youtube", "youtube_videos", {"video_id": gone["video_id"]}),
         ("reddit", "reddit_posts", {"post_id": deleted["post_id"]}),
     ):
-        assert done["sources"][source][f"purge {source}"]["purged"] >= 1
+        assert done["sources"][source][f"purge {source}"]["also"] >= 1
         ((name, value),) = key.items()
         for schema in ("clean", "release"):
             assert job.rows(f"FROM {schema}.{table} WHERE {name} = '{value}'") == []

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
+from kb.artifacts import manifest
 from kb.artifacts.makers import make_and_export
 from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
@@ -217,6 +218,7 @@ def test_keys_are_found_in_any_row_group(run: Run, tmp_path: Path) -> None:
     (path,) = Layout(run.root).rows("links/links")
     small = shard_writer.sorted_shards([path], tmp_path, "links/links", group_rows=4)
     small[0].path.replace(path)
+    manifest.record(path.parent, "links")
     assert pq.read_metadata(path).num_row_groups > 8
     sources = ["youtube", "reddit"]
     for row in made.rows(run.root, "entities"):

@@ -154,7 +154,7 @@ def test_a_purge_takes_what_the_archive_says_is_gone(tmp_path: Path) -> None:
     import_dumps(off(tmp_path), [write(tmp_path / "RC_2024-04.zst", records)])
     assert any(SECRET in text for text in texts(tmp_path / "data").values())
     purge = Recipe("purge").defined("purge")
-    assert purge(off(tmp_path), "reddit", None)["purged"] == 1
+    assert purge(off(tmp_path), "reddit", None)["also"] == 1
     assert not [path for path, text in texts(tmp_path / "data").items() if SECRET in text]
 
 

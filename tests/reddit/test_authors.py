@@ -15,6 +15,7 @@ from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.parse.anonymize import Scrubber, keyed, load_key
 from kb.reddit.purge import name_of
 from kb.reddit.restore.reconstruct import rebuild
+from kb.release.build import release
 from kb.sandbox.reddit.subreddit import CASES
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
@@ -202,7 +203,7 @@ def test_whoever_collected_the_same_follows_the_released_tombstones(
     work.filter()
     work.export()
     work.purge(people=listed(work, NAME))
-    work.job().done("release")
+    release(work.run(), ["reddit"])
     released = work.root / "release" / "reddit" / "tombstones.ndjson"
     assert other.purge(released)["unread"] == 0
     assert not traces(other, MARK, *(name[3:] for name in own))

@@ -15,6 +15,7 @@ from kb.release.build import release
 from kb.release.publish.repository import joined
 from kb.sandbox.hub.repository import git_blob
 from kb.sandbox.hub.service import STRANGER, TOKEN
+from kb.store.state import tombstones
 from tests import processes
 from tests.faults import Sandbox
 from tests.inprocess import Done
@@ -62,12 +63,17 @@ def whole(released: Path, tmp_path: Path) -> Path:
 
 
 def tombstone(root: Path, service: Sandbox) -> None:
-    """Purge a video and make the release again."""
-    ids = root.parent / "ids"
-    ids.write_text(f"{VIDEO}\n")
-    for words in (("purge", "youtube", "--ids", str(ids)), ("release",)):
-        done = kb(service, root, *words)
-        assert done.code == 0, done.err
+    """A release without a video that was purged."""
+
+    def without(_: str, rows: list[dict[str, Any]]) -> None:
+        rows[:] = [row for row in rows if row.get("video_id") != VIDEO]
+
+    names = tuple(path.name for path in sorted((root / "release").iterdir()))
+    shutil.rmtree(root / "release")
+    build(root, without, names)
+    tombstones.add(root, "youtube", [(VIDEO, "named")])
+    done = kb(service, root, "release")
+    assert done.code == 0, done.err
 
 
 READ = """

@@ -347,7 +347,7 @@ def test_later_state_leaves_tombstones(whole, crawled_later, later):
 
 def test_what_was_purged_after_its_deletion_stays_away_for_good(whole, later):
     run = later
-    assert Recipe("purge").defined("purge")(run, "wiki", None)["purged"] == 1
+    assert Recipe("purge").defined("purge")(run, "wiki", None)["also"] == 1
     for _ in range(2):
         crawl(run)
         assert {row["page_id"] for row in tables(run)["pages"]} == {

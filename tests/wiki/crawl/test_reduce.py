@@ -123,7 +123,7 @@ def test_what_became_a_redirect_is_found_by_its_id_and_is_no_row(wiki, run):
         else None
     )
     crawl(dataclasses.replace(run, again=True))
-    assert Recipe("purge").defined("purge")(run, "wiki", None)["purged"] == 1
+    assert Recipe("purge").defined("purge")(run, "wiki", None)["also"] == 1
     assert filtered(run)[1:] == (["Beta"], {})
 
 
@@ -210,8 +210,8 @@ def test_purge_counts_what_it_knows(wiki, run, tmp_path):
     # A plan says the same, whatever a page was named by; a crawl since brings nothing back.
     crawl(dataclasses.replace(run, again=True))
     lines = (f"{wiki.url}/wiki/Gamma", "Alpha", "1", "5", "Nope", "Never seen", "A|B")
-    assert purged(run, "wiki", *lines) == (1, 3, 1, 1)
-    assert purged(run, "wiki", *lines) == (0, 5, 0, 1)
+    assert purged(run, "wiki", *lines) == (1, 0, 3, 1, 1)
+    assert purged(run, "wiki", *lines) == (0, 0, 5, 0, 1)
     assert filtered(run)[1] == ["Zeta"]
 
 
