@@ -343,22 +343,33 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
             if not ARTIFACTS[name].tables and name != RELEASE:
                 yield count_files(root, ARTIFACTS[name])
         return
-    note = unfinished(root, rules.source)
+    note, linked = unfinished(root, rules.source), list[Path]()
     for name in names:
         artifact = ARTIFACTS[name]
         with suppress(DamagedData):  # then nobody knows how it was made
             if (made := manifest.read(root, name)) is not None:
                 note.manifests[name] = manifest.without_files(made)
+                linked += _behind_links(artifact.folder(root), made.files)
         for file in artifact.kept_files:
             if (path := artifact.folder(root) / file).is_file():
                 note.files[f"{name}/{file}"] = path.read_text(encoding="utf-8")
     _write_note(purge.keys_file, note)
+    for file in linked:
+        file.unlink(missing_ok=True)
     for name in names:
         if ARTIFACTS[name].public and name in note.manifests:
             manifest.write_vacant(root, note.manifests[name])
         if name != RELEASE:  # what it wrote lies in the folders of the others
             remove_path(ARTIFACTS[name].folder(root))
     index.remove(root, rules.source)  # one in the user's cache as well
+
+
+def _behind_links(folder: Path, files: Iterable[str]) -> list[Path]:
+    """Those of an artifact's files that lie elsewhere, as a folder in it was moved to another disk
+    and is a link now: they do not go with the folder.
+    """
+    here, places = folder.resolve(), [(folder / file).resolve() for file in files]
+    return [place for place in places if not place.is_relative_to(here)]
 
 
 def kept(purge: Purge) -> Iterator[PurgeLine]:

@@ -226,7 +226,9 @@ def refuse_download(place: Path, option: str = "--data", *, named: bool = True) 
     """
     place = Path(os.path.realpath(place.expanduser()))
     hint = f"a download stays as it is; name another place with {option}"
-    if Catalog(place).is_download:
+    catalog = Catalog(place)
+    # A reconstruction goes on in its own --out, but is no data root.
+    if catalog.is_download and (catalog.releases or option == "--data"):
         raise UsageError(f"{place} is a download", hint=hint)
     if (around := download_around(place, named=named)) is not None:
         raise UsageError(f"{place} is inside the download {around}", hint=hint)

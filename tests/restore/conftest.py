@@ -8,7 +8,7 @@ import pytest
 from kb.artifacts.makers import make_and_export, make_artifact
 from kb.core.config.pipeline import Recipe
 from kb.filters.filter_run import run_clean
-from kb.release.build import describe
+from kb.release.build import release
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.world import World
 from tests.faults import Sandbox
@@ -28,7 +28,7 @@ class Made:
             run_clean(run, source)
             make_artifact(run, f"release/{source}")
         make_and_export(run, "pairs")
-        describe(run)
+        release(run)
         self.work, self.root = work, work.root
         self.release = self.root / "release"
 

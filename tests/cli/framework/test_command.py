@@ -59,7 +59,7 @@ APPLIES = {
     **{f"annotate {source}": {*CLUSTER, "limit"} for source in SOURCES},
     **{f"{source} export": {"engine", "scheduler"} for source in SOURCES},
     **{f"purge {source}": CLUSTER for source in SOURCES},
-    "pairs": {*CLUSTER, "limit", "again"},
+    "pairs": {*CLUSTER, "again"},
     "pairs measure": {"wait"},
     "pairs score": {"workers"},
     "clips": {"workers"},

@@ -375,7 +375,7 @@ def test_killed_between_the_renames_nothing_is_lost(whole: Work, far: Work, at: 
     words += ["--out", str(far.place / "out")]
     job = far.job()
     killed = processes.program(code % at, *words, env=job.env, cwd=job.place)
-    assert killed.wait(120) == -signal.SIGKILL, killed.said()
+    assert killed.wait(120) == -signal.SIGKILL, killed.communicate()
     since = len(far.sandbox.ledger)
     far.rebuild(shards(whole, "comments"))
     assert len(far.sandbox.ledger.requests("api/info", since=since)) == 0

@@ -98,8 +98,8 @@ def test_the_line_for_pyarrow_reads_every_shard(released: Path) -> None:
 
 def test_the_stages_are_those_of_the_pipelines(released: Path) -> None:
     contract = {
-        "youtube": "missing, topic, views, aspect_ratio, duration, age_restricted, toxicity,"
-        " transcript",
+        "youtube": "missing, not_public, topic, views, aspect_ratio, duration, age_restricted,"
+        " toxicity, transcript",
         "wiki": "missing, robots, render, words, toxicity",
     }
     for source, stages in contract.items():
