@@ -346,10 +346,12 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
     note, linked = unfinished(root, rules.source), list[Path]()
     for name in names:
         artifact = ARTIFACTS[name]
+        made = Manifest(name) if artifact.folder(root).exists() and name != RELEASE else None
         with suppress(DamagedData):  # then nobody knows how it was made
-            if (made := manifest.read(root, name)) is not None:
-                note.manifests[name] = manifest.without_files(made)
-                linked += _behind_links(artifact.folder(root), made.files)
+            made = manifest.read(root, name) or made
+        if made is not None:
+            note.manifests[name] = manifest.without_files(made)
+            linked += _behind_links(artifact.folder(root), made.files)
         for file in artifact.kept_files:
             if (path := artifact.folder(root) / file).is_file():
                 note.files[f"{name}/{file}"] = path.read_text(encoding="utf-8")

@@ -263,7 +263,7 @@ def _release(findings: Findings, root: Path, source: str) -> None:
     folder = Layout(root).release(source)
     if folder.is_dir() and any(folder.iterdir()):
         check_release(findings, folder, remedy, described=False)
-    elif manifest.read(root, f"release/{source}"):
+    elif (made := manifest.read(root, f"release/{source}")) is not None and made.files:
         findings.missing("release", folder, remedy(folder / "x"))
 
 

@@ -18,6 +18,7 @@ from kb.labels.imports import agreement
 from kb.labels.questions import PAIRS
 from kb.query import connect, select
 from kb.release.metadata.quality import pair_quality
+from kb.store.state import tombstones
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.labels.answers import exported, items, judgement
@@ -113,7 +114,7 @@ def test_names_of_people_stay_out(root: Path, here: Here) -> None:
         assert b"example.org" not in path.read_bytes()
 
 
-def test_purged_and_unknown_items_are_refused(root: Path, here: Here) -> None:
+def test_a_purge_takes_answers_of_a_video_with_it(root: Path, here: Here) -> None:
     gone, *others = items(root.parent / "project")
     one, two, *_ = [other for other in others if other["video_id"] != gone["video_id"]]
     tasks = [(data, [judgement(1, visible="yes")]) for data in (one, gone, two | {"item_id": "0"})]
@@ -126,6 +127,14 @@ def test_purged_and_unknown_items_are_refused(root: Path, here: Here) -> None:
     assert here(*purge).code == 1  # there are no raw data to make the pairs of
     assert [row["item_id"] for row in _labels(root)] == [one["item_id"]]
     assert not verify(root, Progress()).entries
+
+
+def test_purged_and_unknown_items_are_passed_over(root: Path, here: Here) -> None:
+    gone, *others = items(root.parent / "project")
+    one, two, *_ = [other for other in others if other["video_id"] != gone["video_id"]]
+    tasks = [(data, [judgement(1, visible="yes")]) for data in (one, gone, two | {"item_id": "0"})]
+    file = exported(root.parent / "e.json", tasks)
+    tombstones.add(root, "youtube", [(gone["video_id"], "named")])
     done = here("label", "import", str(file), "--data", str(root), "--json")
     summary = json.loads(done.out.splitlines()[-1])
     assert (summary["purged_items"], summary["unknown_items"]) == (1, 1)

@@ -12,7 +12,7 @@ import pytest
 from kb.core.config.profile import load_profile
 from kb.reddit.passages import passages
 from kb.reddit.plan import plan_refresh
-from kb.release.build import describe
+from kb.release.build import release
 from kb.sandbox.reddit.subreddit import CASES
 from kb.store.lock import writer
 from tests.faults import Sandbox
@@ -156,7 +156,7 @@ def test_a_comment_says_whether_its_parent_is_there(cut: Work) -> None:
 
 
 def test_the_card_says_how_many_and_why(cut: Work) -> None:
-    describe(cut.run())
+    release(cut.run())
     for name in ("README.md", "DATASHEET.md"):
         text = (cut.root / "release" / "reddit" / name).read_text()
         assert "1 of 3 comments answer one that was left out" in text

@@ -22,7 +22,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, LimitReached, MissingCredential, QuotaSpent, SettingError
 from kb.net import retry
 from kb.reddit.parse.anonymize import keyed, load_key
-from kb.release.build import release
+from kb.release import build as release_build
 from kb.release.folders import find
 from kb.schema import table
 from kb.store.state import tombstones
@@ -404,7 +404,7 @@ def test_one_part_alone(made: Made, reader: Reader, release: Path) -> None:
 
 def test_of_the_wiki_nothing_is_brought_back(reader: Reader, tmp_path: Path) -> None:
     root = build(tmp_path / "wiki", sources=("wiki",))
-    release(a_run(root))
+    release_build.release(a_run(root))
     since = len(reader.made.sandbox.ledger)
     assert reader.restore(root / "release", without=KEYS)["failed"] == 0
     assert not (reader.root / "restored").exists()
