@@ -94,6 +94,7 @@ def test_what_is_gone_has_the_year_that_a_released_table_says(
         released=True,
         video_id=[*keys, "gone0000001"],
         title=[*titles, "x"],
+        duration_s=[*(one.seconds for one in videos), 1],
         published_at=[datetime.fromisoformat(date) for date in dates],
     )
     pq.write_table(rows, tmp_path / "videos-00000-of-00001.parquet")
