@@ -9,7 +9,6 @@ does. What lasts nearly as long can't be told from the video: a copy from which 
 
 from __future__ import annotations
 
-import os
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -18,10 +17,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from kb.clips.frames import UndecodableVideo
+from kb.clips.frames import UndecodableVideo, check_film
 from kb.core import signals
-from kb.core.regular_file import NotRegular, check_regular
 from kb.core.video_names import possible_ids, without_stream
+from kb.store.walk import walk
 
 if TYPE_CHECKING:
     import av
@@ -53,7 +52,7 @@ class Found(NamedTuple):
 
 def find_films(folders: Iterable[Path], lengths_s: Mapping[str, float | None]) -> Found:
     """The films of videos in these folders or below them. `lengths_s`: of each video, None where it
-    is not known. Raises OSError for a folder that can't be read, Interrupted.
+    is not known. Raises Interrupted.
     """
     named = candidates(folders, lengths_s)
     with ThreadPoolExecutor(_THREADS, "films") as threads:
@@ -72,7 +71,7 @@ def tolerance_s(length_s: float) -> float:
 
 def candidates(folders: Iterable[Path], ids: Collection[str]) -> dict[str, list[Path]]:
     """By video id the files that bear its name: by folder and name, behind them single streams, the
-    largest first. Raises OSError for a folder that can't be read.
+    largest first.
     """
     wanted = frozenset(ids)
     whole, streams = defaultdict[str, list[Path]](list), defaultdict[str, list[Path]](list)
@@ -87,27 +86,20 @@ def candidates(folders: Iterable[Path], ids: Collection[str]) -> dict[str, list[
 
 
 def _films_below(folders: Iterable[Path]) -> Iterator[Path]:
-    """Files that may be films. Links to folders are followed, and each folder is read once, so that
-    links that form a loop end.
-    """
-    seen = set[str]()
+    """Files that may be films. A folder that is below two of these folders is read once."""
+    seen = set[Path]()
     for folder in folders:
-        for where, below, files in os.walk(folder, onerror=_refuse, followlinks=True):
-            real = os.path.realpath(where)
-            if real in seen:
+        for where, below, others in walk(folder, strict=False):
+            if (real := where.resolve()) in seen:
                 below.clear()
                 continue
             seen.add(real)
             # What macOS stores beside files: on other disks, and in archives.
-            below[:] = sorted(name for name in below if name != "__MACOSX")
-            for path in (Path(where, name) for name in sorted(files)):
+            below[:] = [name for name in below if name != "__MACOSX"]
+            for path in (where / entry.name for entry in others):
                 apple = path.name.startswith("._")
                 if path.suffix.lower() in _ENDINGS and not apple and path.exists():
                     yield path
-
-
-def _refuse(error: OSError) -> None:
-    raise error
 
 
 def _choose(paths: list[Path], video_s: float | None) -> Path | tuple[str, str]:
@@ -121,7 +113,7 @@ def _choose(paths: list[Path], video_s: float | None) -> Path | tuple[str, str]:
             continue
         try:
             film_s = film_length_s(path)
-        except (UndecodableVideo, NotRegular, OSError) as error:
+        except UndecodableVideo as error:
             refused.setdefault(UNDECODABLE, str(error))
             continue
         if video_s is None or abs(film_s - video_s) <= tolerance_s(video_s):
@@ -134,12 +126,11 @@ def _choose(paths: list[Path], video_s: float | None) -> Path | tuple[str, str]:
 def film_length_s(path: Path) -> float:
     """From the start of a container to the end of its last picture or sound (s), whatever its
     header says: read from packets, of which nothing is decoded. Raises UndecodableVideo,
-    NotRegular, OSError, Interrupted.
+    Interrupted.
     """
     import av  # noqa: PLC0415  belongs to the extra `clips`
 
-    check_regular(path)
-    if not path.stat().st_size:
+    if not check_film(path).st_size:
         raise UndecodableVideo("the file is empty")
     try:
         for seeks in (True, False):

@@ -10,13 +10,14 @@ show a wanted frame; gaps are skipped by a seek.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from kb.core.installation import np
-from kb.core.regular_file import NotRegular, check_regular
+from kb.core.regular_file import check_regular
 
 if TYPE_CHECKING:
     import av
@@ -27,6 +28,16 @@ _GAP = 20  # s; a longer gap is skipped by a seek, a shorter one by reading pack
 
 class UndecodableVideo(Exception):
     """A file without a video stream, or one that FFmpeg can't decode; its text says which."""
+
+
+def check_film(path: Path) -> os.stat_result:
+    """What `os.stat` says of a file, before libav opens it, which would read a device as well, and
+    wait for a FIFO. Raises UndecodableVideo for what is no regular file, and where nothing is.
+    """
+    try:
+        return check_regular(path)
+    except OSError as error:
+        raise UndecodableVideo(str(error.strerror)) from None
 
 
 def frames_at(
@@ -42,8 +53,8 @@ def frames_at(
     """
     import av  # noqa: PLC0415  belongs to the extra `clips`
 
+    check_film(path)
     try:
-        check_regular(path)  # libav would read a device as well, and wait for a FIFO
         with av.open(str(path), metadata_errors="ignore") as film:
             if not film.streams.video:
                 raise UndecodableVideo("no video stream")
@@ -56,8 +67,6 @@ def frames_at(
                 if frame is not shown:
                     shown, image = frame, _fitted(frame, size, fit)
                 yield image
-    except NotRegular as error:
-        raise UndecodableVideo(str(error.strerror)) from None
     except (av.FFmpegError, ValueError) as error:
         raise UndecodableVideo(str(error)) from None
 

@@ -58,7 +58,8 @@ def read_regular(path: Path | str, most: int | None = None) -> bytes:
     with open_regular(path) as file:
         data = file.read() if most is None else file.read(most + 1)
     if most is not None and len(data) > most:
-        raise OSError(errno.EFBIG, f"it has more than {most:,} bytes", str(path))
+        # Not EFBIG: with that, writing a file fails where the disk or a limit ends.
+        raise OSError(errno.EOVERFLOW, f"it has more than {most:,} bytes", str(path))
     return data
 
 

@@ -23,7 +23,7 @@ from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
 from kb.store.artifact_registry import SUMS
 from kb.store.atomic import write_bytes
-from kb.store.damage import DOWNLOAD, missing
+from kb.store.damage import DOWNLOAD, missing, opening
 from kb.store.layout import Layout
 from kb.store.tables import parquet
 from kb.store.tables.checksums import digest, read_small
@@ -106,7 +106,9 @@ def verify(run: Run, releases: Folders) -> None:
                 path = one.path / name
                 if not path.exists():
                     raise missing([path], DOWNLOAD)
-                if digest(path) != wanted:
+                with opening(path, hint=DOWNLOAD):
+                    actual = digest(path)
+                if actual != wanted:
                     raise DamagedData(f"{path} differs from {SUMS}", hint=DOWNLOAD)
                 task.advance()
         parquet.check_release(*(shard for part in one.parts for shard in part.shards))

@@ -171,7 +171,8 @@ class PassageIndex:
 def _open(folder: Path) -> tantivy.Index:
     """An index, by links to its files where the folder lets no lock be written."""
     for path in folder.iterdir():
-        check_regular(path)
+        if not path.is_dir():  # such as lost+found, which tantivy does not open
+            check_regular(path)
     if os.access(folder, os.W_OK):
         return tantivy.Index.open(str(folder))
     with tempfile.TemporaryDirectory(prefix="lorecrawl-index-") as scratch:

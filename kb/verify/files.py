@@ -11,6 +11,7 @@ from pathlib import Path
 
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
+from kb.core.regular_file import NotRegular, check_regular
 from kb.core.sources import SOURCES
 from kb.store import leftovers
 from kb.store.artifact_registry import MANIFEST, Artifact, artifact_of
@@ -33,6 +34,17 @@ _OF_STATE = (
     *(".arrow", ".npy"),  # of artifacts on their way
 )
 _NEVER_EMPTY = (".json", ".html", ".parquet", ".png", ".svg")
+
+
+def irregular(path: Path) -> str:
+    """What a path is that is no regular file, "" for one and where nothing is."""
+    try:
+        check_regular(path)
+    except NotRegular as error:
+        return str(error.strerror)
+    except OSError:
+        return ""
+    return ""
 
 
 def problem(path: Path, advance: Callable[[int], None]) -> str:
@@ -85,9 +97,9 @@ class FileVerifier:
         elif leftovers.is_left(parts):
             hint = "run `kb verify --repair` or the next command on this folder, which removes it"
             findings.foreign("leftovers", path, "is a temporary file", hint)
-        elif not path.is_file():
+        elif what := irregular(path):
             kind = "raw answers" if parts[0] == "raw" else parts[0]
-            self._foreign(kind if kind in KINDS else "other", path, "is no regular file")
+            self._foreign(kind if kind in KINDS else "other", path, what)
         elif parts[0] == "raw":
             self._raw(path, parts)
         elif parts[0] == "state":

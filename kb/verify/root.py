@@ -19,7 +19,6 @@ from kb.artifacts.data_roots import is_root
 from kb.artifacts.table_catalog import Catalog, empty, existing
 from kb.core.errors import DamagedData
 from kb.core.progress import Progress
-from kb.core.regular_file import NotRegular, check_regular
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.schema.tables import table
 from kb.store import leftovers, lock
@@ -31,7 +30,7 @@ from kb.store.tables.checksums import read_small, short_lines
 from kb.store.tables.reading import scan
 from kb.store.walk import walk
 from kb.verify import raw
-from kb.verify.files import NEIGHBOURS, FileVerifier, problem
+from kb.verify.files import NEIGHBOURS, FileVerifier, irregular, problem
 from kb.verify.findings import Findings
 
 _CHECKS = 3
@@ -46,7 +45,7 @@ def check_release(
     """Every file of a release folder; `described`: it should have SHA256SUMS."""
     sums = path / SUMS
     known, invalid = release_folder.sums(path)
-    if what := _irregular(sums):
+    if what := irregular(sums):
         findings.damaged("release", sums, what, advice(sums))
     elif sums.is_file() and (not known or invalid):
         findings.damaged("release", sums, "is not a list of checksums", advice(sums))
@@ -64,7 +63,7 @@ def check_release(
             )
         elif known and name not in known:
             findings.foreign("release", file, f"is not in {SUMS}", "move it away")
-        elif what := _irregular(file):
+        elif what := irregular(file):
             findings.damaged("release", file, what, advice(file))
         elif not file.exists():
             findings.missing("release", file, advice(file), "is a link that leads nowhere")
@@ -74,17 +73,6 @@ def check_release(
         findings.missing("release", path / name, advice(path / name))
     if known:
         _metadata(findings, path / CROISSANT, known, advice)
-
-
-def _irregular(path: Path) -> str:
-    """What a path is that is no regular file, "" for one and where nothing is."""
-    try:
-        check_regular(path)
-    except NotRegular as error:
-        return str(error).removeprefix(f"{path} ")
-    except OSError:
-        return ""
-    return ""
 
 
 def _file(findings: Findings, path: Path, wanted: str | None, advice: str) -> None:

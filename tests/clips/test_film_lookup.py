@@ -68,12 +68,13 @@ def test_the_first_folder_counts(tmp_path: Path) -> None:
 
 
 def test_linked_folders_are_entered_and_loops_end(tmp_path: Path) -> None:
-    disk = laid_out(tmp_path / "disk", {f"{ID}.mp4": b"", f"more/{OTHER}.mp4": b""})
+    films = (f"{ID}.mp4", f"lost+found/{ID}.mp4", f"more/{OTHER}.mp4")
+    disk = laid_out(tmp_path / "disk", dict.fromkeys(films, b""))
     (disk / "more/back").symlink_to(disk)
     (tmp_path / "films").mkdir()
     (tmp_path / "films/linked").symlink_to(disk)
     (tmp_path / "films/self").symlink_to(tmp_path / "films")
-    found = candidates([tmp_path / "films"], [ID, OTHER])
+    found = candidates([tmp_path / "films", disk], [ID, OTHER])
     linked = tmp_path / "films/linked"
     assert found == {ID: [linked / f"{ID}.mp4"], OTHER: [linked / f"more/{OTHER}.mp4"]}
 
@@ -125,8 +126,8 @@ def test_the_film_that_is_as_long_as_the_video_is_taken(
 
 def test_what_is_no_regular_file_is_not_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / f"{ID}.mp4")
-    (reason, what) = find_films([tmp_path], {ID: 60}).reason(ID)
-    assert (reason, what.endswith("is a FIFO")) == ("undecodable", True)
+    found = find_films([tmp_path], {ID: 60})
+    assert found.reason(ID) == ("undecodable", "it is a FIFO, not a file")
 
 
 @pytest.mark.parametrize("ending", ["mkv", "webm", "ts", "mpg", "avi", "mov"])

@@ -88,6 +88,7 @@ def undescribed(folder: Path) -> None:
 POSTS, GONE, INDEX = "posts-00000-of-00001.parquet", "tombstones.ndjson", "index.ndjson"
 PROFILE, WORDS, ABOUT = "profile.toml", "keywords.tsv", "croissant.json"
 DIFFERS, UNREAD = f"differs from {SUMS}", "can't be read: "
+DEVICE, FIFO, SOCKET = (f"it is a {kind}, not a file" for kind in ("device", "FIFO", "socket"))
 # What is damaged → what `kb verify` says of which file, then the line (and exit code, where it is
 # not 1) of other commands. One that is not named ends with 0.
 Line = str | tuple[int, str]
@@ -99,9 +100,9 @@ CASES: dict[str, tuple[Callable[[Path], object], str, dict[str, Line]]] = {
             {"restore": f"{{at}}/{SUMS} is not a list of checksums"},
         )
         for what, make, said in (
-            ("a device", link("/dev/zero"), "is a device"),
-            ("a pipe", os.mkfifo, "is a FIFO"),
-            ("a socket", bound, "is a socket"),
+            ("a device", link("/dev/zero"), DEVICE),
+            ("a pipe", os.mkfifo, FIFO),
+            ("a socket", bound, SOCKET),
             ("large", large, "is not a list of checksums"),
             ("/etc/passwd", link("/etc/passwd"), "is not a list of checksums"),
         )
@@ -114,15 +115,9 @@ CASES: dict[str, tuple[Callable[[Path], object], str, dict[str, Line]]] = {
             | {"restore": f"{{at}}/{POSTS} {restored}"},
         )
         for what, make, said, read, restored in (
-            (
-                "a device",
-                link("/dev/zero"),
-                "is a device",
-                "it is a device",
-                f"{UNREAD}it is a device",
-            ),
-            ("a pipe", os.mkfifo, "is a FIFO", "it is a FIFO", f"{UNREAD}it is a FIFO"),
-            ("a socket", bound, "is a socket", "it is a socket", f"{UNREAD}it is a socket"),
+            ("a device", link("/dev/zero"), DEVICE, DEVICE, f"{UNREAD}{DEVICE}"),
+            ("a pipe", os.mkfifo, FIFO, FIFO, f"{UNREAD}{FIFO}"),
+            ("a socket", bound, SOCKET, SOCKET, f"{UNREAD}{SOCKET}"),
             ("/etc/passwd", link("/etc/passwd"), DIFFERS, "checksum mismatch", DIFFERS),
         )
     },
@@ -147,7 +142,7 @@ CASES: dict[str, tuple[Callable[[Path], object], str, dict[str, Line]]] = {
             {"query": f"{{at}}/{GONE}{read}", "restore": f"{{at}}/{GONE} {restored}"},
         )
         for what, make, said, read, restored in (
-            ("a pipe", os.mkfifo, "is a FIFO", f" {UNREAD}it is a FIFO", f"{UNREAD}it is a FIFO"),
+            ("a pipe", os.mkfifo, FIFO, f" {UNREAD}{FIFO}", f"{UNREAD}{FIFO}"),
             ("large", large, DIFFERS, f" {UNREAD}it has more than 50,000,000 bytes", DIFFERS),
             ("deep", text(DEEP), DIFFERS, f": line 1 {UNREAD}depth limit", DIFFERS),
             ("numbers", text("1e999\n"), DIFFERS, f": line 1 {UNREAD}number is inf", DIFFERS),
@@ -169,7 +164,7 @@ CASES: dict[str, tuple[Callable[[Path], object], str, dict[str, Line]]] = {
             {"restore": f"{{at}}/{ABOUT} {restored}"},
         )
         for what, make, said, restored in (
-            ("a pipe", os.mkfifo, "is a FIFO", f"{UNREAD}it is a FIFO"),
+            ("a pipe", os.mkfifo, FIFO, f"{UNREAD}{FIFO}"),
             ("deep", text(DEEP), "is not valid metadata", DIFFERS),
             ("a list", text('["distribution"]'), "is not valid metadata", DIFFERS),
         )
@@ -181,7 +176,7 @@ CASES: dict[str, tuple[Callable[[Path], object], str, dict[str, Line]]] = {
             dict.fromkeys(("restore", "search"), line),
         )
         for name, what, make, said, line in (
-            (PROFILE, "a pipe", os.mkfifo, "is a FIFO", f"{{at}}/{PROFILE} {UNREAD}it is a FIFO"),
+            (PROFILE, "a pipe", os.mkfifo, FIFO, f"{{at}}/{PROFILE} {UNREAD}{FIFO}"),
             (
                 *(PROFILE, "large", large, DIFFERS),
                 (2, f"profile {{at}}/{PROFILE} {UNREAD}it has more than 10,000,000 bytes"),
@@ -194,7 +189,7 @@ CASES: dict[str, tuple[Callable[[Path], object], str, dict[str, Line]]] = {
                 *(PROFILE, "/etc/passwd", link("/etc/passwd"), DIFFERS),
                 f"{{at}}/{PROFILE} {UNREAD}checksum mismatch",
             ),
-            (WORDS, "a pipe", os.mkfifo, "is a FIFO", f"{{at}}/{WORDS} {UNREAD}it is a FIFO"),
+            (WORDS, "a pipe", os.mkfifo, FIFO, f"{{at}}/{WORDS} {UNREAD}{FIFO}"),
             (
                 *(WORDS, "/etc/passwd", link("/etc/passwd"), DIFFERS),
                 f"{{at}}/{WORDS} {UNREAD}checksum mismatch",

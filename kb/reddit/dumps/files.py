@@ -18,7 +18,6 @@ cut off or damaged is counted, never fatal.
 import gzip
 import io
 import json
-import os
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -36,6 +35,7 @@ from kb.core.errors import SettingError
 from kb.core.regular_file import open_regular
 from kb.crawl.file_identity import Hashed
 from kb.reddit.parse import answer_tree
+from kb.store.walk import walk
 
 # Every chunk is searched several times, so it should fit the processor's cache (see tests/bench).
 CHUNK = 512 << 10  # decompressed bytes of a chunk, about
@@ -421,15 +421,15 @@ def find_dumps(run: Run, paths: Sequence[Path]) -> DumpFiles:
 
 
 def _below(folder: Path, root: Path) -> Iterator[Path]:
-    for place, folders, names in os.walk(folder):
-        folders[:] = sorted(
+    for where, folders, others in walk(folder, strict=False):
+        folders[:] = [
             name
             for name in folders
-            if not name.startswith(".") and Path(place, name).resolve() != root
-        )
-        for name in sorted(names):
-            if not name.startswith("."):
-                yield Path(place, name)
+            if not name.startswith(".") and (where / name).resolve() != root
+        ]
+        for entry in others:
+            if not entry.name.startswith("."):
+                yield where / entry.name
 
 
 def _holds_records(file: Path) -> bool:

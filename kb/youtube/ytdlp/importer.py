@@ -1,7 +1,7 @@
 """`kb youtube import`: folders of yt-dlp and one's own transcripts → raw answers. Sends nothing.
 
 What the raw log has is not taken in again (kb.youtube.ytdlp.known_answers), so the same command
-goes on after a kill and repeats nothing. Files are taken as the disk lists them, a few at a time.
+goes on after a kill and repeats nothing. Files are taken in order, a few at a time.
 """
 
 import os
@@ -107,19 +107,19 @@ class _Import:
 
         Raises what ends the run, with all that was read written.
         """
-        theirs, own = ({*map(os.path.realpath, some)} for some in (folders, own_transcripts))
+        theirs, own = ({path.resolve() for path in some} for some in (folders, own_transcripts))
         with self._run.progress.task("import", unit="files") as task:
             try:
                 for folder in folders:
-                    shared = os.path.realpath(folder) in own
-                    for entry in info.walk(folder, own):
+                    shared = folder.resolve() in own
+                    for entry in info.entries_below(folder, own):
                         if not (shared and _is_own(entry)):
                             self._take(entry)
                             self._continue(task)
                 self._flush(at_least=0)  # whose transcripts come next is known then
                 for folder in own_transcripts:
-                    shared = os.path.realpath(folder) in theirs
-                    for entry in info.walk(folder, theirs):
+                    shared = folder.resolve() in theirs
+                    for entry in info.entries_below(folder, theirs):
                         if not shared or _is_own(entry):
                             self._take_own(entry)
                             self._continue(task)

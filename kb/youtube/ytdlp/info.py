@@ -29,6 +29,7 @@ from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
+from kb.store.walk import walk
 from kb.youtube.crawl import player
 
 INFO = ".info.json"
@@ -123,25 +124,16 @@ def left_out_as(name: str) -> str | None:
     return OTHER_SUBTITLES if _TEXT_TRACKS.fullmatch(name) else OTHER_FILES
 
 
-def walk(folder: Path, others: Collection[str] = ()) -> Iterator[os.DirEntry[str]]:
-    """Every file below a folder, as the disk lists them: no folder is held in memory. What is
-    neither file nor folder, such as a FIFO, comes with them: whoever opens it says so.
+def entries_below(folder: Path, left_out: Collection[Path] = ()) -> Iterator[os.DirEntry[str]]:
+    """Every file below a folder, in order. What is neither file nor folder, such as a FIFO or a
+    link that leads nowhere or back, comes with them: whoever opens it says so.
 
-    Links to folders are not followed. A folder below it that can't be read is passed over, as one
-    of `others` (resolved) is.
+    A folder that can't be read is passed over, as one of `left_out` (resolved) is.
     """
-    waiting = [str(folder)]
-    while waiting:
-        try:
-            with os.scandir(waiting.pop()) as entries:
-                for entry in entries:
-                    if entry.is_dir(follow_symlinks=False):
-                        if not others or os.path.realpath(entry.path) not in others:
-                            waiting.append(entry.path)
-                    elif not entry.is_dir():
-                        yield entry
-        except (PermissionError, FileNotFoundError):
-            continue
+    for where, folders, others in walk(folder, strict=False):
+        if left_out:
+            folders[:] = [name for name in folders if (where / name).resolve() not in left_out]
+        yield from others
 
 
 LIVE_CHAT = "live_chat"  # yt-dlp lists it among the subtitles

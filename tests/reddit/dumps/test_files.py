@@ -96,6 +96,12 @@ def test_folders_are_searched_and_other_files_counted(
     }.items():
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).write_bytes(made)
+    disk = tmp_path / "disk"
+    (place / "comments").rename(disk)
+    (disk / "lost+found").mkdir()
+    (disk / "lost+found/mine.ndjson").write_bytes(data)
+    (place / "comments").symlink_to(disk)
+    (disk / "up").symlink_to(place)
     root = place / "data"  # the data root's own raw answers are no dumps
     run = run_in(root, progress=LineProgress())
     assert [file.name for file in find_dumps(run, [place]).files] == [
@@ -106,8 +112,8 @@ def test_folders_are_searched_and_other_files_counted(
         "RS_2020-02",
     ]
     done = import_dumps(run, [place])
-    assert (done["crawled"], done["foreign_files"], done["truncated_files"]) == (80, 4, 1)
-    said = "skipped 4 files without posts: SHA256SUMS, about.json, backup.tar.gz, …"
+    assert (done["crawled"], done["foreign_files"], done["truncated_files"]) == (80, 5, 1)
+    said = "skipped 5 files without posts: SHA256SUMS, about.json, backup.tar.gz, …"
     assert said in capsys.readouterr().err
     assert import_dumps(run, [place])["crawled"] == 0
     (tmp_path / "none").mkdir()

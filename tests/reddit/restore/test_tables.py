@@ -12,7 +12,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -301,12 +300,12 @@ def test_damaged_lines_are_counted_and_what_is_no_dump_is_refused(work: Work) ->
         from_dumps(work, ids, [ids])
 
 
-def test_a_release_that_names_its_subreddit_takes_lines_of_it_alone(work: Work) -> None:
+def test_a_release_that_names_its_subreddit_takes_lines_of_it_alone(work: Work, make_rows) -> None:
     """They are found as an import finds them; ids of a list may be of any subreddit."""
     own, elsewhere = live(work, 2)
     folder = work.place / "released"
     folder.mkdir()
-    ids = pa.table({"post_id": [own, elsewhere]})
+    ids = make_rows("reddit/posts", 2, released=True, post_id=[own, elsewhere])
     pq.write_table(ids, folder / "posts-00000-of-00001.parquet")
     here, there = archived([work.world.posts[own], work.world.posts[elsewhere]])
     month = write(work.place / "month.zst", [here, {**there, "subreddit": "gardening"}], frames=1)

@@ -53,13 +53,13 @@ def test_known_ids_alone_leave_no_search_behind(job: Job) -> None:
     assert "--again" not in job.kb(*CRAWL, "--ids", str(file), "--again").stderr
 
 
-def test_ids_of_a_release_s_folder(tmp_path: Path) -> None:
+def test_ids_of_a_release_s_folder(tmp_path: Path, make_rows) -> None:
     folder = tmp_path / "release"
     folder.mkdir()
     with pytest.raises(SettingError, match="contains no released videos or pairs"):
         RULES.read(folder)
     for number, key in enumerate(("aaaaaaaaaaa", "bbbbbbbbbbb")):
-        rows = pa.table({"video_id": [key], "title": ["t"]})
+        rows = make_rows("youtube/videos", 1, released=True, video_id=[key])
         pq.write_table(rows, folder / f"videos-0000{number}-of-00002.parquet")
     pq.write_table(pa.table({"video_id": ["ccccccccccc"]}), folder / "sample-videos.parquet")
     assert RULES.read(folder)[::2] == (["aaaaaaaaaaa", "bbbbbbbbbbb"], 0)

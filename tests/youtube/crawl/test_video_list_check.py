@@ -2,10 +2,10 @@
 
 import json
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -84,13 +84,20 @@ def test_there_changed_and_gone_by_year_of_mine_dojos_list(
 
 
 def test_what_is_gone_has_the_year_that_a_released_table_says(
-    sandbox: Sandbox, videos: list[Video], tmp_path: Path
+    sandbox: Sandbox, videos: list[Video], tmp_path: Path, make_rows
 ) -> None:
     keys, titles = [one.id for one in videos], [str(holdable(one.title)) for one in videos]
-    dates = [one.published_at for one in videos]
-    ids = tmp_path / "videos-00000-of-00001.parquet"
-    columns = {"video_id": [*keys, "gone0000001"], "title": [*titles, "x"]}
-    pq.write_table(pa.table({**columns, "published_at": [*dates, "2013-05-01T00:00:00Z"]}), ids)
+    dates = [*(one.published_at for one in videos), "2013-05-01T00:00:00Z"]
+    rows = make_rows(
+        "youtube/videos",
+        len(dates),
+        released=True,
+        video_id=[*keys, "gone0000001"],
+        title=[*titles, "x"],
+        duration_s=[*(one.seconds for one in videos), 1],
+        published_at=[datetime.fromisoformat(date) for date in dates],
+    )
+    pq.write_table(rows, tmp_path / "videos-00000-of-00001.parquet")
     found = room.check(run(sandbox, tmp_path / "data"), tmp_path)
     assert found["by_year"]["2013"]["gone"] == found["gone"] == 1
     assert found["changed"] == 0

@@ -88,6 +88,7 @@ def test_what_cannot_be_used_is_counted_by_reason_and_never_fatal(job: Job) -> N
     assert (summary["crawled"], summary["subtitles"]) == (1, 1)
     assert summary["left_out_by"] == {
         "broken_info": 3,
+        "unreadable": 1,
         "other_sites": 1,
         "unfinished_downloads": 3,
         "broken_subtitles": 4,
@@ -99,6 +100,19 @@ def test_what_cannot_be_used_is_counted_by_reason_and_never_fatal(job: Job) -> N
     (line,) = [one for one in lines.splitlines() if one.startswith("files left out:")]
     assert "broken info 3" in line
     assert "made_for_kids (all)" in lines
+
+
+def test_linked_folders_are_entered_and_links_that_lead_back_are_left_out(job: Job) -> None:
+    folder, disk, back = job.place / "videos", job.place / "disk", job.place / "videos/back"
+    write_video(folder, 1)
+    write_video(disk / "more", 2)
+    write_video(disk / "lost+found", 3)
+    (folder / "linked").symlink_to(disk)
+    (disk / "more/up").symlink_to(folder)
+    back.symlink_to(back)
+    summary = job.done("youtube", "import", str(folder))
+    assert (summary["crawled"], summary["left_out_by"]) == (2, {"other_files": 2})
+    assert summary["left_out_files"] == {"other_files": ["back", "up"]}
 
 
 def test_nothing_to_import_is_exit_1_with_the_reason_and_no_folder_is_exit_2(job: Job) -> None:
