@@ -356,8 +356,8 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
             if (path := artifact.folder(root) / file).is_file():
                 note.files[f"{name}/{file}"] = path.read_text(encoding="utf-8")
     _write_note(purge.keys_file, note)
-    for file in linked:
-        file.unlink(missing_ok=True)
+    for place in linked:
+        place.unlink(missing_ok=True)
     for name in names:
         if ARTIFACTS[name].public and name in note.manifests:
             manifest.write_vacant(root, note.manifests[name])
