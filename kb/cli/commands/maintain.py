@@ -169,7 +169,7 @@ for _name, _source in SOURCES.items():
         _name,
         help=_source.purge_help,
         uses=CLUSTER,
-        json="purged, known, unknown, unread, rows, scores",
+        json="purged, also, known, unknown, unread, rows, scores",
         planned=("ids", "authors", "channels"),
         examples=_source.purge_examples or (f"kb purge {_name} --ids ids.txt",),
     )(_OWN.get(_name) or _by_ids(_name))

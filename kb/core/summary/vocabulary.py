@@ -249,7 +249,11 @@ WORDS: dict[str, Word] = {
     "rows": Word("Rows of tables.", "{n} rows"),
     "merge.scores": Word("Scores that were new.", "{n} scores"),
     "scores": Word("Scores removed because no text needs them any more.", "{n} scores"),
-    "purged": Word("Items removed for good.", "{n} removed for good", always=True),
+    "purged": Word("Named items that were removed for good.", "{n} removed for good", always=True),
+    "also": Word(
+        "What left with them: comments of a removed post, and what the service no longer shows.",
+        "{n} more that left with them",
+    ),
     "purge --plan.purged": Word("Items that a purge would remove.", "{n} to remove", always=True),
     "purge.known": Word("Items or people that were purged before.", "{n} purged before"),
     "unknown": Word("Items or people of whom nothing was ever in the data root.", "{n} never here"),
