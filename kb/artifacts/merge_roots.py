@@ -54,7 +54,7 @@ def merge(run: Run, others: Sequence[Path]) -> Summary:
             for root in roots:
                 tombstones.unite(run.root, source, root)
             purged, before = _begin_purge(run.root, source), counts["files"]
-            for root in sorted(roots, key=lambda root: _has_others(root, source)):
+            for root in roots:
                 files = list(_files(root, source))
                 name = f"merge {source} of {root}"
                 with run.progress.task(name, total=len(files), unit="files") as task:
@@ -187,15 +187,6 @@ def _note(root: Path, home: Path, source: str) -> None:
         write_bytes(ours.key(source), theirs.key(source).read_bytes(), mode=0o600)
 
 
-def _has_others(root: Path, source: str) -> bool:
-    """Whether a root has merged others itself; those that it has come first."""
-    path = Layout(root).state(source)
-    if not path.is_file():
-        return False
-    with closing(Frontier(path, readonly=True)) as theirs:
-        return bool(theirs.merged())
-
-
 def _spent(root: Path, home: Path, source: str) -> int:
     """Add what the other machine has spent, each request once; how many were new."""
     path = Layout(root).state(source)
@@ -205,4 +196,4 @@ def _spent(root: Path, home: Path, source: str) -> int:
         closing(Frontier(path, readonly=True)) as theirs,
         closing(Frontier(Layout(home).state(source))) as ours,
     ):
-        return ours.add_ledger(theirs, str(path))
+        return ours.add_ledger(theirs)

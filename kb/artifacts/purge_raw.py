@@ -17,7 +17,7 @@ from kb.core.context import Run
 from kb.core.engine import make_executor, make_threads, map_in_order
 from kb.schema import answer_keys as schema
 from kb.store.atomic import writing
-from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
 from kb.store.state.frontier import Frontier
 
@@ -146,10 +146,10 @@ def rewrite_segment(path: Path, changes: Iterable[tuple[int, int, Envelope | Non
     with writing(path) as temporary, path.open("rb") as old, temporary.open("wb") as new:
         at = 0
         for start, end, frame in frames:
-            damaged_answers.copy(old, new, at, start)
+            quarantine.copy(old, new, at, start)
             new.write(frame)
             at = end
-        damaged_answers.copy(old, new, at, path.stat().st_size)
+        quarantine.copy(old, new, at, path.stat().st_size)
     return len(frames)
 
 

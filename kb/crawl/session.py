@@ -118,8 +118,8 @@ def open_session(
 
     `place` is a work folder that holds raw answers and state instead of the data root. `online` is
     false where nothing is asked of the service, so that no credential is needed and any host will
-    do. Without `report_damage` the caller reports by `damaged_answers.report` which raw data are
-    damaged. `removed` keys count as purged. Raises UsageError before anything is sent or written,
+    do. Without `report_damage` the caller raises `recorder.damage`, which says what raw data have
+    lost. `removed` keys count as purged. Raises UsageError before anything is sent or written,
     WriterLocked, DamagedData.
     """
     root = place or run.root

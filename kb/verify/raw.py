@@ -11,7 +11,7 @@ import zstandard
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS
 from kb.store.layout import BELOW, CAPTURED, Layout
-from kb.store.rawlog import damaged_answers, rawlog, sidefiles
+from kb.store.rawlog import quarantine, rawlog, sidefiles
 from kb.store.state.crawl_state import REBUILT
 from kb.store.tables import reading
 from kb.verify.findings import Findings
@@ -35,7 +35,7 @@ class SegmentVerifier:
         """Read a segment in full."""
         findings, name, size = self._findings, rawlog.base_name(path), path.stat().st_size
         committed = self._known.pop((path.parent.name, name), 0)
-        gaps = damaged_answers.gaps(path, committed)
+        gaps = quarantine.gaps(path, committed)
         findings.advance(size)
         if committed > size:
             what = f"ends at byte {size:,}, {committed - size:,} bytes are missing"
@@ -67,7 +67,7 @@ class SegmentVerifier:
         )
         if not reported and state_is_whole:
             try:
-                damaged_answers.check(self._root, self._source)
+                quarantine.check(self._root, self._source)
             except DamagedData as error:
                 self._findings.missing("raw answers", base, error.hint, str(error))
 

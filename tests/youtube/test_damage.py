@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from kb.sandbox.world import World
-from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog import quarantine, rawlog
 from tests.faults import Sandbox
 from tests.youtube.job import Job
 
@@ -121,7 +121,7 @@ def test_only_a_torn_tail_that_the_state_does_not_know_is_cut(plain: Job, job: J
     opened(path)
     assert job.done("youtube", "crawl")["left"] == 0
     assert segment(job, "transcripts").read_bytes() == whole
-    assert not damaged_answers.quarantined_files(job.root, "youtube")
+    assert not quarantine.quarantined_files(job.root, "youtube")
 
 
 @pytest.mark.parametrize("words", ["refresh youtube --older-than 0", "purge youtube --plan"])

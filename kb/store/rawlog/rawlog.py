@@ -7,7 +7,7 @@
 
 A frame is on disk (fsync) before the frontier hears of it. A segment that SIGKILL cut off is
 cut back to its last whole frame when its writer starts again; what the state has committed is
-never cut (kb.store.rawlog.damaged_answers).
+never cut (kb.store.rawlog.quarantine).
 """
 
 import os

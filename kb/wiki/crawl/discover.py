@@ -13,6 +13,7 @@ import msgspec
 from kb.core import clock
 from kb.core.config.profile.collecting import WikiSection
 from kb.core.errors import DamagedData
+from kb.store import damage_note
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state import tombstones
@@ -155,7 +156,7 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
     A page with an intact capture is captured again for a lost sprite. Damaged files are moved to
     quarantine, because their replacements may have other names.
     """
-    lost = sidefiles.suspects(root, "wiki")
+    lost = sidefiles.suspects(root)
     if lost:
         pages = {
             Path(path).relative_to(BELOW.captures).parts[0]
@@ -177,7 +178,7 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
                 frontier.mark(kind, sorted(keys & done), "todo")
         for path in lost:
             sidefiles.quarantine_file(root / path)
-    sidefiles.forget(root, "wiki")
+    damage_note.forget(root, Layout(root).captures, Layout(root).images)
 
 
 def _captured_pages(frontier: Frontier, root: Path) -> Iterator[tuple[str, dict[str, Any] | None]]:

@@ -1,4 +1,4 @@
-"""Tests of `kb.store.rawlog.damaged_answers`."""
+"""Tests of `kb.store.rawlog.quarantine`."""
 
 import shutil
 
@@ -6,7 +6,7 @@ import pytest
 import zstandard
 
 from kb.core.errors import DamagedData
-from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.recorder import Recorder
 from tests.store.rawlog.test_rawlog import written
 from tests.store.rawlog.test_recorder import apply, counted
@@ -55,4 +55,4 @@ def test_a_whole_frame_without_an_envelope_is_damage(tmp_path, line, summed):
     good = path.read_bytes()
     odd = zstandard.ZstdCompressor(write_checksum=summed).compress(line)
     path.write_bytes(good + odd + good)
-    assert damaged_answers.gaps(path, path.stat().st_size) == [(len(good), len(good) + len(odd))]
+    assert quarantine.gaps(path, path.stat().st_size) == [(len(good), len(good) + len(odd))]
