@@ -17,6 +17,7 @@ from kb.core.errors import Blocked, Retryable
 from kb.crawl.connector import Answer, Connector, Opened
 from kb.store import lock
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.rawlog.recorder import Recorder
 from kb.store.state import tombstones
@@ -129,6 +130,12 @@ def open_session(
         if root == run.root:
             domain_binding.note(run.root, run.profile)
         domain_binding.bind_service(root, connector.name, **facts)
+        if not Layout(root).state(connector.name).exists() and rawlog.any_answer(
+            root, connector.name
+        ):
+            run.progress.say(
+                f"{connector.name}: its state is missing; it is replayed from raw data"
+            )
         frontier = Frontier(Layout(root).state(connector.name), payloads=connector.payloads)
         stack.callback(frontier.close)
         session = CrawlSession(

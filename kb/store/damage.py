@@ -30,7 +30,7 @@ def remedy(path: Path) -> str:
     # A download is often named like the folder that it was released from, or like a data root's.
     of_root = match is not None and Layout(match[0]).state_folder().is_dir()
     if match is not None and (of_root or not (match[1].public or is_released)):
-        return match[1].hint_of(path)
+        return match[1].hint
     return DOWNLOAD if is_released else "restore it from a copy"
 
 

@@ -199,9 +199,6 @@ def _missing_files(findings: Findings, root: Path) -> None:
             continue
         with contextlib.suppress(DamagedData):  # reported with the manifest itself
             lost = manifest.missing(root, name)
-            for one in artifact.added:
-                for path in manifest.missing(root, one):
-                    findings.missing("scores", path, artifact.hint_of(path))
             is_made = manifest.read(root, name) is not None
             if kind == "index" and not is_made and any(artifact.folder(root).glob("*.store")):
                 lost = [artifact.manifest(root)]

@@ -42,13 +42,15 @@ class LostRange(NamedTuple):
     quarantined_as: str = ""
 
     def __str__(self) -> str:
-        lost = f"{self.end - self.start:,} bytes"
+        lost, place = f"{self.end - self.start:,} bytes", f"at {self.start:,} can't be read"
+        path = self.path.with_name(f"{rawlog.base_name(self.path)}{rawlog.SUFFIX}")
         if self.quarantined_as:
-            what = f"is damaged: {lost} at {self.start:,} can't be read and were set aside as"
-            return f"{self.path} {what} {self.quarantined_as}"
-        return f"{self.path} " + (
-            f"ends at byte {self.start:,}, {lost} are missing" if self.start else "is missing"
-        )
+            aside = f"were set aside as {self.quarantined_as}"
+            return f"{path} is damaged: {lost} {place} and {aside}"
+        if self.path.is_file() and self.path.stat().st_size > self.start:
+            return f"{path} is damaged: {lost} {place}"
+        what = f"ends at byte {self.start:,}, {lost} are missing"
+        return f"{path} {what if self.start else 'is missing'}"
 
 
 def note(root: Path, source: str, error: DamagedData, hint: str) -> None:
@@ -80,9 +82,7 @@ def lost_dumps(lost: Sequence[LostRange]) -> list[tuple[str, str]]:
     return [(DUMPS, name) for name in dict.fromkeys(names)]
 
 
-def losses(
-    root: Path, source: str, frontier: Frontier, *, every: bool = False
-) -> list[LostRange]:
+def losses(root: Path, source: str, frontier: Frontier, *, every: bool = False) -> list[LostRange]:
     """What can't be read, is missing or is shorter than the state knows. Changes nothing.
 
     Reads open segments, those that the state knows in part, noted ones, and with `every` all of
@@ -144,7 +144,10 @@ def check(root: Path, source: str) -> None:
         gone = rawlog.folder(root, source, kind) / f"{name}{rawlog.SUFFIX}"
         lost += [LostRange(gone, 0, committed)] if committed else []
     if lost or items:
-        raise damage_of(root, source, lost, items)
+        error = damage_of(root, source, lost, [*items, *lost_dumps(lost)])
+        if not items:  # nobody has looked up yet what was in it
+            error.hint = f"run `kb {source} crawl`, which sets damage aside and fetches it again"
+        raise error
 
 
 def damage_of(
