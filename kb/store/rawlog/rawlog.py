@@ -29,6 +29,7 @@ from kb.store.layout import Layout
 
 SUFFIX = ".ndjson.zst"
 OPEN = SUFFIX + ".open"
+SEEDS = "seeds"  # the raw kind of what lists named: no answers, but what a replay has to know
 SEGMENT_BYTES = 64 << 20
 MAGIC = b"\x28\xb5\x2f\xfd"
 _WINDOW = 1 << 29
@@ -205,6 +206,7 @@ def any_answer(root: Path, source: str) -> bool:
         not path.name.endswith(".open")
         or next(iter(Frames(path, skip_damage=True)), None) is not None
         for path in all_segments(root, source)
+        if path.parent.name != SEEDS
     )
 
 

@@ -19,7 +19,7 @@ from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.wiki.crawl import reduce
-from kb.wiki.crawl.reduce import SiteItem, Title
+from kb.wiki.crawl.reduce import SiteItem
 from kb.wiki.parse.tables import read_extraction
 
 COMPARED = 3  # challenged pages before a challenge counts as one to all pages
@@ -37,7 +37,8 @@ def begin_round(
 ) -> None:
     """Continue a round, or start one: of the titles `names`, or of the complete list.
 
-    A round of named titles does not change what is known about the list.
+    A round of named titles does not change what is known about the list. The titles themselves are
+    recorded before (`WikiConnector.seeds`).
     """
     cursor = "round" if names is None else "named"
     current = _round(frontier, cursor)
@@ -59,10 +60,15 @@ def begin_round(
             if not current.done:
                 reduce.add_lists(frontier, current.number)
             return
-        frontier.add("info", [(f"{tag}:{title}", Title(title)) for title in names])
         waiting = frontier.items("info", "todo")
         if not current.done or any(key.startswith(f"{tag}:") for key, *_ in waiting):
             frontier.add("gone", [tag])
+
+
+def named_tag(frontier: Frontier, *, again: bool) -> str:
+    """What stands before the titles of the round of named titles that `begin_round` gives."""
+    current = _round(frontier, "named")
+    return f"t{current.number + (again and current.done)}"
 
 
 def finish_round(frontier: Frontier, root: Path, tag: str) -> None:
