@@ -8,6 +8,7 @@ import zstandard
 from kb.core.errors import DamagedData
 from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.recorder import Recorder
+from kb.store.state.frontier import Frontier
 from tests.store.rawlog.test_rawlog import written
 from tests.store.rawlog.test_recorder import apply, counted
 from tests.store.state.test_frontier import open_frontier
@@ -56,3 +57,64 @@ def test_a_whole_frame_without_an_envelope_is_damage(tmp_path, line, summed):
     odd = zstandard.ZstdCompressor(write_checksum=summed).compress(line)
     path.write_bytes(good + odd + good)
     assert quarantine.gaps(path, path.stat().st_size) == [(len(good), len(good) + len(odd))]
+
+
+def test_a_replay_takes_back_what_no_raw_answer_says(tmp_path):
+    """Of a damaged frame its item is lost; the ledger, cursors and items of a list stay."""
+    frontier = open_frontier(tmp_path)
+    frontier.spend("general", 5, "videos.list")
+    with Recorder(tmp_path, "youtube", frontier, apply, asked=["video"]) as recorder:
+        frontier.set_cursor("round", 3)
+        frontier.add("video", ["named"])
+        for number in range(3):
+            recorder.record("videos", "videos", {"id": f"v{number}"}, 200, {})
+    [path] = rawlog.segments(tmp_path, "youtube", "videos")
+    frames = rawlog.Frames(path)
+    start, _ = [(frames.start, end) for end, _ in frames][1]
+    data = bytearray(path.read_bytes())
+    data[start + 12] ^= 1
+    path.write_bytes(data)
+
+    quarantine.check(tmp_path, "youtube")  # nobody has read it yet
+    with pytest.raises(DamagedData) as met, Recorder(tmp_path, "youtube", frontier, apply):
+        list(rawlog.read(tmp_path, "youtube", "videos"))
+    assert "run the same command again" in met.value.hint
+    with pytest.raises(DamagedData, match="lost are the answers of video v1"):
+        Recorder(tmp_path, "youtube", frontier, apply, asked=["video"])
+    assert frontier.counts("video") == {"done": 2, "todo": 2}
+    assert (frontier.requests(), frontier.cursor("round")) == ((1, 5), 3)
+    with pytest.raises(DamagedData, match="lost are the answers of video v1") as told:
+        quarantine.check(tmp_path, "youtube")
+    assert "kb youtube crawl" in told.value.hint
+    with Recorder(tmp_path, "youtube", frontier, apply, asked=["video"]) as recorder:
+        recorder.record("videos", "videos", {"id": "v1"}, 200, {})
+    quarantine.check(tmp_path, "youtube")
+    assert frontier.counts("video") == {"done": 3, "todo": 1}
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_a_killed_replay_goes_on(tmp_path, steps, monkeypatch):
+    """Whatever was done of it, the next run ends in the same state."""
+    frontier = open_frontier(tmp_path)
+    with Recorder(tmp_path, "youtube", frontier, apply, asked=["video"]) as recorder:
+        frontier.add("video", ["named"])
+        for number in range(3):
+            recorder.record("videos", "videos", {"id": f"v{number}"}, 200, {})
+    [path] = rawlog.segments(tmp_path, "youtube", "videos")
+    path.unlink()
+
+    def killed(*arguments, **named):
+        raise KeyboardInterrupt
+
+    places = [(Frontier, "start_over"), (quarantine, "set_aside"), (Frontier, "settle")]
+    with monkeypatch.context() as patch:
+        patch.setattr(*places[steps - 1], killed)
+        with pytest.raises(KeyboardInterrupt):
+            Recorder(tmp_path, "youtube", frontier, apply, asked=["video"])
+    frontier.close()
+    frontier = open_frontier(tmp_path)
+    with pytest.raises(DamagedData, match="lost are the answers of video v0"):
+        Recorder(tmp_path, "youtube", frontier, apply, asked=["video"])
+    assert frontier.counts("video") == {"todo": 4}
+    assert frontier.lost() == [("video", f"v{number}") for number in range(3)]
+    Recorder(tmp_path, "youtube", frontier, apply, asked=["video"]).close()
