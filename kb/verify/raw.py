@@ -29,26 +29,17 @@ class SegmentVerifier:
     def __init__(self, findings: Findings, root: Path, source: str) -> None:
         self._findings, self._root, self._source = findings, root, source
         self._known = self._offsets()
-        self._crawl = f"run `kb {source} crawl`, which fetches its items again"
+        self._crawl = f"run `kb verify --repair`, then `kb {source} crawl`, which fetches it again"
 
     def file(self, path: Path) -> None:
         """Read a segment in full."""
         findings, name, size = self._findings, rawlog.base_name(path), path.stat().st_size
         committed = self._known.pop((path.parent.name, name), 0)
-        gaps = quarantine.gaps(path, committed)
+        lost = quarantine.lost_of(path, committed)
         findings.advance(size)
-        if committed > size:
-            what = f"ends at byte {size:,}, {committed - size:,} bytes are missing"
-            findings.damaged("raw answers", path, what, self._crawl)
-        elif gaps:
-            start, end = gaps[0]
-            more = f" (and {len(gaps) - 1:,} more places)" if len(gaps) > 1 else ""
-            what = f"{end - start:,} bytes at {start:,} can't be read{more}"
-            findings.damaged(
-                "raw answers", path, what, f"run `kb verify --repair`, or {self._crawl}"
-            )
-        else:
-            findings.intact("raw answers", path)
+        what = lost[0].what if lost else ""
+        more = f" (and {len(lost) - 1:,} more places)" if len(lost) > 1 else ""
+        findings.checked("raw answers", path, what + more, self._crawl)
 
     def end(self) -> None:
         """What the state knows and is not there, and what was lost and not asked for again."""

@@ -42,15 +42,19 @@ class LostRange(NamedTuple):
     quarantined_as: str = ""
 
     def __str__(self) -> str:
-        lost, place = f"{self.end - self.start:,} bytes", f"at {self.start:,} can't be read"
         path = self.path.with_name(f"{rawlog.base_name(self.path)}{rawlog.SUFFIX}")
+        return f"{path} {self.what}"
+
+    @property
+    def what(self) -> str:
+        """How the segment differs from what it was."""
+        lost, place = f"{self.end - self.start:,} bytes", f"at {self.start:,} can't be read"
         if self.quarantined_as:
-            aside = f"were set aside as {self.quarantined_as}"
-            return f"{path} is damaged: {lost} {place} and {aside}"
+            return f"is damaged: {lost} {place} and were set aside as {self.quarantined_as}"
         if self.path.is_file() and self.path.stat().st_size > self.start:
-            return f"{path} is damaged: {lost} {place}"
+            return f"is damaged: {lost} {place}"
         what = f"ends at byte {self.start:,}, {lost} are missing"
-        return f"{path} {what if self.start else 'is missing'}"
+        return what if self.start else "is missing"
 
 
 def note(root: Path, source: str, error: DamagedData, hint: str) -> None:
@@ -89,60 +93,53 @@ def losses(root: Path, source: str, frontier: Frontier, *, every: bool = False) 
     them. `kb.store.rawlog.recorder` reads a closed segment that the state does not know.
     """
     found: list[LostRange] = []
-    noted = noted_segments(root, source)
-    known = frontier.offsets()
+    noted, known = noted_segments(root, source), frontier.offsets()
     for path in rawlog.all_segments(root, source):
-        size = path.stat().st_size
         committed = known.pop((path.parent.name, rawlog.base_name(path)), 0)
-        sure = committed in (0, size) and not path.name.endswith(".open")
-        if every or not sure or path in noted:
-            found += damaged_ranges(path, min(committed, size))
-        if committed > size:
-            found.append(LostRange(path, size, committed))
+        sure = committed in (0, path.stat().st_size) and not path.name.endswith(".open")
+        found += lost_of(path, committed, read=every or not sure or path in noted)
     for (kind, name), committed in known.items():
         path = rawlog.folder(root, source, kind) / f"{name}{rawlog.SUFFIX}"
         found += [LostRange(path, 0, committed)] if committed else []
     return found
 
 
-def damaged_ranges(path: Path, committed: int = 0) -> list[LostRange]:
-    """What can't be read of a segment of which the state knows so many bytes."""
-    return [
-        LostRange(path, start, end, quarantine_name(path, start, end))
-        for start, end in gaps(path, committed)
+def lost_of(path: Path, committed: int = 0, *, read: bool = True) -> list[LostRange]:
+    """What is lost of a segment of which the state knows so many bytes; with `read` also what of it
+    can't be read.
+    """
+    size = path.stat().st_size
+    damaged = gaps(path, min(committed, size)) if read else []
+    found = [LostRange(path, start, end) for start, end in damaged]
+    return [*found, LostRange(path, size, committed)] if committed > size else found
+
+
+def set_aside(lost: Sequence[LostRange]) -> list[LostRange]:
+    """Move damaged bytes out of their segments; the same with the names of their files. Raises
+    DiskFull.
+    """
+    named = [
+        stretch._replace(quarantined_as=quarantine_name(*stretch[:3]))
+        if stretch.path.is_file() and stretch.path.stat().st_size > stretch.start
+        else stretch
+        for stretch in lost
     ]
-
-
-def set_aside(lost: Sequence[LostRange]) -> None:
-    """Move damaged bytes out of their segments. Raises DiskFull."""
-    damaged = [stretch for stretch in lost if stretch.quarantined_as]
+    damaged = [stretch for stretch in named if stretch.quarantined_as]
     for path in dict.fromkeys(stretch.path for stretch in damaged):
         move_out(path, [stretch[1:] for stretch in damaged if stretch.path == path])
+    return named
 
 
 def check(root: Path, source: str) -> None:
     """Raises DamagedData when raw answers are lost that were not asked for again. Reads only.
 
-    Lost is what a crawl or purge took out, and what the state knows and is not there. Raises
-    DiskFull where there is no room for SQLite to read.
+    Raises DiskFull where there is no room for SQLite to read.
     """
     path = Layout(root).state(source)
     if not path.is_file():
         return
     with reading.state(path) as frontier:
-        items, known = frontier.lost(), frontier.offsets()
-    lost: list[LostRange] = []
-    for segment in rawlog.all_segments(root, source):
-        size = segment.stat().st_size
-        committed = known.pop((segment.parent.name, rawlog.base_name(segment)), 0)
-        if committed > size:
-            lost.append(LostRange(segment, size, committed))
-        elif segment.name.endswith(".open"):
-            # Readers take its end for a torn one; the state knows better.
-            lost += [LostRange(segment, *gap) for gap in gaps(segment, committed)]
-    for (kind, name), committed in known.items():
-        gone = rawlog.folder(root, source, kind) / f"{name}{rawlog.SUFFIX}"
-        lost += [LostRange(gone, 0, committed)] if committed else []
+        items, lost = frontier.lost(), losses(root, source, frontier)
     if lost or items:
         error = damage_of(root, source, lost, [*items, *lost_dumps(lost)])
         if not items:  # nobody has looked up yet what was in it

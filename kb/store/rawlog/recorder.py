@@ -66,7 +66,7 @@ class Recorder:
             with self._frontier.transaction():
                 self._frontier.start_over()
                 self._frontier.note_lost(quarantine.lost_dumps(lost))
-            quarantine.set_aside(lost)
+            lost = quarantine.set_aside(lost)
         damage_note.forget(self._root, *segments)
         recover(self._root, self._source)
         lost += self._replay()
@@ -145,10 +145,9 @@ class Recorder:
             except DamagedData as error:
                 if path not in error.paths:
                     raise
-                damaged = quarantine.damaged_ranges(path)
+                damaged = quarantine.lost_of(path)
                 self._frontier.note_lost(quarantine.lost_dumps(damaged))
-                quarantine.set_aside(damaged)
-                lost += damaged
+                lost += quarantine.set_aside(damaged)
                 # Killed before, the whole segment is read again, which changes nothing.
                 self._frontier.set_offset(path.parent.name, rawlog.base_name(path), 0)
                 replay_segment(path, self._frontier, self._apply)
