@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
-from kb.artifacts import manifest
+from kb.artifacts import freshness, manifest
+from kb.artifacts.makers import make_artifact, make_outdated
 from kb.core.config.pipeline import Recipe
+from kb.core.errors import DamagedData
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier
@@ -35,6 +37,24 @@ def test_repair_makes_again_what_raw_data_can_make(root: Path) -> None:
     for name in ("clean/youtube", "pairs", "release/youtube"):
         assert f"{name} was made again" in said
     assert repair(root) == []
+
+
+def test_a_build_makes_again_what_a_reader_found_damaged(root: Path) -> None:
+    run, path = run_at(root), one(root, "pairs/pairs-*.parquet")
+    whole = path.read_bytes()
+    path.write_bytes(whole + b"x")
+    assert f"{path.name} is damaged" in freshness.reasons(run, "pairs")
+    path.write_bytes(whole)
+    stale = freshness.reasons(run, "pairs")
+    assert f"{path.name} is damaged" not in stale
+    path.write_bytes(bytes(len(whole)))  # of the same size: only a reader sees it
+    assert freshness.reasons(run, "pairs") == stale
+    with pytest.raises(DamagedData, match=path.name):
+        make_artifact(run, "release/pairs")
+    assert f"{path.name} is damaged" in freshness.reasons(run, "pairs")
+    assert [outcome.outcome for outcome in make_outdated(run, {"pairs": []})] == ["made"]
+    assert path.read_bytes() == whole
+    assert freshness.reasons(run, "pairs") == []
 
 
 def test_lost_answers_are_left_to_a_crawl_and_nothing_is_sent(root: Path) -> None:

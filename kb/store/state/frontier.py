@@ -217,9 +217,9 @@ class Frontier(State):
             self._db.execute("DELETE FROM offsets")
 
     def settle(self, asked: Collection[str]) -> list[tuple[str, str]]:
-        """Take back what no raw answer says, at the end of a replay: items of the kinds in `asked`
-        that were to do or came from a list, and cursors. Those that were answered and that no raw
-        answer shows any more are to do again, and returned as (kind, key).
+        """Take back what no raw answer says, at the end of a replay: items that are to do, and
+        cursors. Items of the kinds in `asked` that were answered, and that no raw answer shows any
+        more, are to do again, and returned as (kind, key).
         """
         marks = ", ".join("?" * len(asked))
         with self.transaction():
@@ -233,16 +233,15 @@ class Frontier(State):
                 (*asked,),
             ).fetchall()
             self._db.execute(
-                "INSERT OR IGNORE INTO items (kind, key, seq, status, payload) SELECT kind, key,"
-                f" seq, 'todo', payload FROM earlier_items WHERE kind IN ({marks})",
+                "INSERT OR IGNORE INTO items (kind, key, seq, status, reason, payload) SELECT kind,"
+                f" key, seq, CASE WHEN kind IN ({marks}) THEN 'todo' ELSE status END, NULL, payload"
+                " FROM earlier_items",
                 (*asked,),
             )
             self._db.execute(
                 "UPDATE items SET status = earlier.status, reason = earlier.reason"
                 " FROM earlier_items AS earlier WHERE earlier.kind = items.kind"
-                f" AND earlier.key = items.key AND items.kind IN ({marks})"
-                " AND earlier.status IN ('todo', 'error')",
-                (*asked,),
+                " AND earlier.key = items.key AND earlier.status IN ('todo', 'error')"
             )
             self.note_lost(lost)
             self._db.execute("INSERT OR REPLACE INTO cursors SELECT * FROM earlier_cursors")

@@ -138,7 +138,11 @@ def _load(root: Path, source: str) -> pa.Table:
 def _count(root: Path, source: str) -> int:
     place = Layout(root).tombstone_count(source)
     fix = f"remove it: it only says how many rows {path(root, source)} has"
-    return json_files.read(place, int, fix=fix) or 0
+    count = json_files.read(place, int, fix=fix)
+    copy = place.with_suffix(".parquet")  # of the tombstones, as an older version kept it
+    if count is None and copy.is_file():
+        count = parquet.read_table(copy).num_rows
+    return count or 0
 
 
 def _write(root: Path, source: str, rows: list[dict[str, Any]]) -> None:
