@@ -2,6 +2,7 @@
 
 import sqlite3
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ class SegmentVerifier:
 
     def __init__(self, findings: Findings, root: Path, source: str) -> None:
         self._findings, self._root, self._source = findings, root, source
-        self._known = self._offsets()
+        self._known, self._lost = self._read_state()
         self._crawl = f"run `kb verify --repair`, then `kb {source} crawl`, which fetches it again"
 
     def file(self, path: Path) -> None:
@@ -43,34 +44,21 @@ class SegmentVerifier:
 
     def end(self) -> None:
         """What the state knows and is not there, and what was lost and not asked for again."""
-        absent = [place for place, committed in self._known.items() if committed]
-        for kind, name in absent:
-            path = rawlog.folder(self._root, self._source, kind) / f"{name}{rawlog.SUFFIX}"
-            self._findings.missing("raw answers", path, self._crawl)
-        base = Layout(self._root).raw(self._source)
-        reported = [
-            one
-            for one in self._findings.of("raw answers")
-            if base in one.path.parents and one.state != "foreign"
-        ]
-        state_is_whole = all(
-            one.path != Layout(self._root).state(self._source) for one in self._findings.of("state")
-        )
-        if not reported and state_is_whole:
-            try:
-                quarantine.check(self._root, self._source)
-            except DamagedData as error:
-                self._findings.missing("raw answers", base, error.hint, str(error))
+        for (kind, name), committed in self._known.items():
+            if committed:
+                path = rawlog.folder(self._root, self._source, kind) / f"{name}{rawlog.SUFFIX}"
+                self._findings.missing("raw answers", path, self._crawl)
+        if self._lost:
+            error = quarantine.damage_of(self._root, self._source, [], self._lost)
+            base = Layout(self._root).raw(self._source)
+            self._findings.missing("raw answers", base, error.hint, str(error))
 
-    def _offsets(self) -> dict[tuple[str, str], int]:
+    def _read_state(self) -> tuple[dict[tuple[str, str], int], list[tuple[str, str]]]:
         path = Layout(self._root).state(self._source)
-        if not path.is_file():
-            return {}
-        try:
-            with reading.state(path) as frontier:
-                return dict(frontier.offsets())
-        except (DamagedData, sqlite3.Error):
-            return {}  # reported with the state
+        if path.is_file():
+            with suppress(DamagedData, sqlite3.Error), reading.state(path) as frontier:
+                return dict(frontier.offsets()), frontier.lost()
+        return {}, []  # reported with the state
 
 
 def state(findings: Findings, path: Path) -> None:
