@@ -30,7 +30,7 @@ from kb.core.errors import (
 from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
 from kb.store import damage_note
-from kb.store.artifact_registry import ARTIFACTS, Maker
+from kb.store.artifact_registry import ARTIFACTS, RELEASE, Maker
 
 _NONE: Mapping[str, Any] = {}
 MADE, UNCHANGED, FAILED, LEFT_OUT = "made", "unchanged", "failed", "left out"
@@ -114,7 +114,8 @@ def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None)
     except DamagedData as error:
         damage_note.add(run.root, error.paths)
         raise
-    damage_note.forget(run.root, ARTIFACTS[name].folder(run.root))
+    if name != RELEASE:  # which describes the folders of other artifacts
+        damage_note.forget(run.root, ARTIFACTS[name].folder(run.root))
     return summary
 
 

@@ -148,8 +148,6 @@ class Recorder:
                 damaged = quarantine.lost_of(path)
                 self._frontier.note_lost(quarantine.lost_dumps(damaged))
                 lost += quarantine.set_aside(damaged)
-                # Killed before, the whole segment is read again, which changes nothing.
-                self._frontier.set_offset(path.parent.name, rawlog.base_name(path), 0)
                 replay_segment(path, self._frontier, self._apply)
         return lost
 
