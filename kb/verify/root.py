@@ -25,6 +25,7 @@ from kb.store import leftovers, lock
 from kb.store.artifact_registry import ARTIFACTS, SUMS, artifact_of
 from kb.store.damage import DOWNLOAD, read_small, remedy, short_lines
 from kb.store.layout import VERDICTS, Layout, parquet_files
+from kb.store.state import tombstones
 from kb.store.tables import checksums, database
 from kb.store.tables.reading import scan
 from kb.verify import raw
@@ -181,6 +182,7 @@ def compare(findings: Findings, root: Path) -> None:
     steps = [
         partial(raw.lost_side_files, findings, root),
         partial(_missing_files, findings, root),
+        partial(_missing_tombstones, findings, root),
         *(partial(_two_answers, findings, root, source) for source in SOURCES),
         *(partial(_release, findings, root, source) for source in PUBLISHED),
     ]
@@ -204,6 +206,16 @@ def _missing_files(findings: Findings, root: Path) -> None:
                 lost = [artifact.manifest(root)]
             for path in lost:
                 findings.missing(kind, path, artifact.hint)
+
+
+def _missing_tombstones(findings: Findings, root: Path) -> None:
+    for source in SOURCES:
+        path = tombstones.path(root, source)
+        try:
+            tombstones.keys(root, source)
+        except DamagedData as error:
+            if not any(one.path in (path, *error.paths) for one in findings.entries):
+                findings.missing("tombstones", path, error.hint, str(error))
 
 
 def _two_answers(findings: Findings, root: Path, source: str) -> None:

@@ -8,7 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import DamagedData
+from kb.core.progress import Progress
 from kb.store.state import tombstones
+from kb.verify.root import verify
 
 
 def reasons(root: Path) -> dict[str, str]:
@@ -53,6 +55,9 @@ def test_another_machine_s_file_in_its_place_is_an_error(two: tuple[Path, Path])
     file.unlink()
     with pytest.raises(DamagedData, match="is missing"):
         tombstones.keys(mine, "youtube")
+    assert [(one.state, one.path) for one in verify(mine, Progress()).entries] == [
+        ("missing", file)
+    ]
 
 
 def test_nothing_is_written_where_nothing_was_purged(tmp_path: Path) -> None:
