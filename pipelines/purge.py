@@ -18,7 +18,7 @@ from kb.artifacts.purge import PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
 from kb.core.context import Run
-from kb.core.errors import DamagedData, KbError
+from kb.core.errors import KbError
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.crawl.purge import dry_purge, remove_keys
@@ -44,11 +44,10 @@ def purge(
         counts = {"rows": sum(line.count for line in removed), "scores": scores, **purge.counts}
         about = {"command": f"purge {source}", "source": source}
         summary = Summary({**about, **purge.summary(), **counts})
-        try:
-            steps.finish(run.root, source)
-        except DamagedData as error:
-            error.summary = summary
-            raise
+        steps.finish(run.root, source)
+        if purge.damage is not None:
+            purge.damage.summary = summary
+            raise purge.damage
         if build:
             try:
                 make_again(run)

@@ -1,25 +1,27 @@
-"""Verify (MineDojo paper, datasheet: maintenance): find and repair damaged data.
+"""Verify (MineDojo paper, datasheet: maintenance): find damaged data, and make a whole data root of
+what is intact.
 
 verify     read every byte of a data root or a release
-repair     move damaged data away and fetch it again; rebuild what is made from raw data
+repair     set damage aside, replay states from raw answers, make derived data again; send nothing
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
-from functools import partial
+from contextlib import closing
 from pathlib import Path
 
-from kb.artifacts.makers import make_artifact
-from kb.core.config.pipeline import recipe_of
+from kb.artifacts import freshness, manifest
+from kb.artifacts.makers import MADE, make_outdated
 from kb.core.context import Run
-from kb.core.errors import DamagedData
-from kb.core.sources import MADE_OF, PUBLISHED, SOURCES
-from kb.crawl.job import crawl_source
+from kb.core.errors import DamagedData, DiskFull, Interrupted, KbError
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.crawl.session import open_session
+from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, RELEASE
-from kb.store.rawlog import damaged_answers
+from kb.store.layout import Layout
+from kb.store.rawlog import sidefiles
+from kb.store.state.frontier import Frontier
 from kb.verify.findings import Findings
-from kb.verify.repair import Crawl, Describe, Make, Step, repaired
+from kb.verify.repair import damaged_artifacts, lost_sources, set_aside
 from kb.verify.root import verify as look_at
 
 
@@ -29,37 +31,65 @@ def verify(run: Run, folder: Path) -> Findings:
 
 
 def repair(run: Run) -> tuple[Findings, list[str]]:
-    """The problems that remain after repair, and one line for each repair."""
-    return repaired(run.root, run.progress, steps(run))
+    """The problems that remain after a repair, and what was done and is left to do, a line each.
+
+    Raises WriterLocked, DiskFull, Interrupted.
+    """
+    with lock.taking(run.root, *lock.ORDER):  # which clears what killed commands left
+        found = look_at(run.root, run.progress)
+        lines = set_aside(run.root, found)
+        for source in lost_sources(run.root, found):
+            lines += _replay(run, source)
+        lines += _make_again(run, found)
+        left = look_at(run.root, run.progress) if found.entries else found
+        if captured := sidefiles.suspects(run.root):
+            lines.append(f"`kb wiki crawl` fetches {len(captured):,} captured files again")
+        return left, [*lines, *_refused(run)]
 
 
-def steps(run: Run) -> Iterator[Step]:
-    """Everything that can be rebuilt, in the order of the data; each step checks whether to."""
-    anew = replace(run, again=True)
-    for source in SOURCES:
-        yield Crawl(source, partial(_set_aside, run, source), partial(_crawl, run, source))
-    for name, artifact in ARTIFACTS.items():
-        kind, _, rest = name.partition("/")
-        if kind in ("clean", "index", "release", *MADE_OF) and name != RELEASE:
-            place, made_again = artifact.folder(run.root), partial(make_artifact, anew, name)
-            source = rest if kind == "clean" else ""
-            yield Make(kind, artifact.command_again, made_again, (place,), after=source)
-    for name in PUBLISHED:
-        yield Describe(name, partial(make_artifact, run, RELEASE, {"only": [name]}))
-
-
-def _set_aside(run: Run, source: str) -> list[str]:
-    """Move damaged parts of raw data away, and mark their items to be fetched again."""
+def _replay(run: Run, source: str) -> Iterator[str]:
+    """Set damaged frames aside, and replay the state from the others."""
+    state = Layout(run.root).state(source)
+    damaged = sidefiles.quarantine_path(state)
     try:
         connector = SOURCES[source].connector(run)
         with open_session(run, connector, online=False, report_damage=False) as session:
             session.recorder.check_all_segments()
-            damaged_answers.report(run.root, source, session.frontier)
-    except DamagedData as error:
-        return [f"{error}; {error.hint}"]
-    return []
+            if (damage := session.recorder.damage) is not None:
+                yield f"{damage}; {damage.hint}"
+            if damaged.is_file() and not session.frontier.requests()[0]:
+                yield _take_over_ledger(session.frontier, damaged)
+    except (DiskFull, Interrupted):
+        raise
+    except KbError as error:
+        yield f"{state} was not replayed: {error}; {error.hint}"
 
 
-def _crawl(run: Run, source: str) -> object:
-    own = recipe_of(run.profile, source).defined("crawl", None)
-    return own(run) if own is not None else crawl_source(run, SOURCES[source])
+def _take_over_ledger(frontier: Frontier, damaged: Path) -> str:
+    """What no raw answer says: the requests that were sent."""
+    try:
+        with closing(Frontier(damaged, readonly=True)) as earlier:
+            return f"{frontier.add_ledger(earlier):,} requests of {damaged} are in the ledger again"
+    except DamagedData:
+        return f"what was spent can't be read from {damaged}: a quota may be used up sooner"
+
+
+def _make_again(run: Run, found: Findings) -> Iterator[str]:
+    damaged = damaged_artifacts(run.root, found)
+    for name, foreign in damaged.items():
+        if foreign is not None:
+            yield f"{name} was left: move {foreign} away, then run `kb build`"
+    names = [name for name, foreign in damaged.items() if foreign is None]
+    if manifest.read(run.root, RELEASE) is not None and RELEASE not in names:
+        names.append(RELEASE)
+    for done in make_outdated(run, freshness.plan(run, names)):
+        made = f"{done.artifact} was made again"
+        yield made if done.outcome == MADE else f"{done.artifact}: {done}"
+
+
+def _refused(run: Run) -> Iterator[str]:
+    """Why a release would be refused."""
+    names = [f"release/{name}" for name in PUBLISHED]
+    there = [name for name in names if ARTIFACTS[name].folder(run.root).is_dir()]
+    for line in freshness.lines(freshness.stale(run, *there)):
+        yield f"a release is refused: {line} (out of date)"

@@ -126,8 +126,7 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
         return ["release.open_text true → false"] if made or artifact.folder(root).exists() else []
     if made is None:
         return [NEVER_MADE]
-    lost = [] if source != name else manifest.missing(place, name)
-    why = [f"{lost[0].name} is missing"] if lost else []
+    why = manifest.damaged(place, name)[:1]
     if not made.figures.get("complete", True):
         why.append("not finished")
     find = catalog.texts if source != name or name == "links" else partial(manifest.rows, root)

@@ -19,6 +19,7 @@ from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.errors import (
     GLOBAL_STOPS,
+    DamagedData,
     FatalError,
     KbError,
     NothingKept,
@@ -28,7 +29,8 @@ from kb.core.errors import (
 )
 from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
-from kb.store.artifact_registry import ARTIFACTS
+from kb.store import damage_note
+from kb.store.artifact_registry import ARTIFACTS, RELEASE
 
 _NONE: Mapping[str, Any] = {}
 MADE, UNCHANGED, FAILED, LEFT_OUT = "made", "unchanged", "failed", "left out"
@@ -100,14 +102,21 @@ def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None)
     """Make an artifact by its recipe; an export by default with the options that it was made with.
     Returns the summary of its command.
 
-    Raises SettingError for a recipe that may not run, and what the recipe raises.
+    Files that are damaged are noted, so that a build makes them again. Raises SettingError for a
+    recipe that may not run, and what the recipe raises.
     """
     maker = ARTIFACTS[name].maker
     if maker is None:
         raise ValueError(f"{name} is kept: nothing makes it again")
     given = recorded_options(run.root, name) if options is None else options
     make = recipe_of(run.profile, maker.recipe).defined(maker.function)
-    summary: Summary = make(run, *maker.arguments, **given)
+    try:
+        summary: Summary = make(run, *maker.arguments, **given)
+    except DamagedData as error:
+        damage_note.add(run.root, error.paths)
+        raise
+    if name != RELEASE:  # which describes the folders of other artifacts
+        damage_note.forget(run.root, ARTIFACTS[name].folder(run.root))
     return summary
 
 

@@ -31,7 +31,7 @@ from typing import Any
 import msgspec
 
 from kb.core.sources import SOURCES
-from kb.store import damage
+from kb.store import damage, damage_note
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST, SUMS, artifact_of, of_table
 from kb.store.atomic import replacing_folder, write_bytes
 from kb.store.layout import Layout, parquet_files, rows_pattern
@@ -233,7 +233,7 @@ def check_complete(root: Path, name: str) -> None:
     """Raises DamagedData for the first missing file of an artifact, or of a declared table."""
     artifact = ARTIFACTS[name] if name in ARTIFACTS else of_table(name)
     if lost := missing(root, name):
-        raise damage.missing(lost, artifact.hint_of(lost[0]))
+        raise damage.missing(lost, artifact.hint)
 
 
 def check_folder(folder: Path) -> None:
@@ -251,9 +251,7 @@ def check_folder(folder: Path) -> None:
 
 
 def missing(root: Path, name: str) -> list[Path]:
-    """Files of an artifact, or of one declared table in it, that were written and are not there.
-    Tables that another command adds are asked for by their own name.
-    """
+    """Files of an artifact, or of one declared table in it, that were written and are not there."""
     is_artifact = name in ARTIFACTS
     artifact = ARTIFACTS[name] if is_artifact else of_table(name)
     folder, manifest = artifact.folder(root), read(root, artifact.name)
@@ -263,11 +261,25 @@ def missing(root: Path, name: str) -> list[Path]:
         for table in artifact.tables if is_artifact else (name,):
             there = at.rows(table)
             written |= {one.with_name(shard) for one in there for shard in siblings([one.name])}
-    named = artifact.added if is_artifact else (name,)
-    patterns = [str(at.table(one) / rows_pattern(one)) for one in named]
-    of_named = {one for one in written if any(map(one.match, patterns))}
-    wanted = written - of_named if is_artifact else of_named
-    return sorted(one for one in wanted if not one.is_file())
+    if not is_artifact:
+        pattern = str(at.table(name) / rows_pattern(name))
+        written = {one for one in written if one.match(pattern)}
+    return sorted(one for one in written if not one.is_file())
+
+
+def damaged(root: Path, name: str) -> list[str]:
+    """What is wrong with the files of an artifact, by their names and sizes and by what commands
+    have noted. Raises DamagedData for its manifest.
+    """
+    folder, manifest = ARTIFACTS[name].folder(root), read(root, name)
+    what = dict.fromkeys(missing(root, name), "is missing")
+    for file, entry in manifest.files.items() if manifest is not None else ():
+        path = folder / file
+        if path not in what and entry.sha256 and path.stat().st_size != entry.size:
+            what[path] = "is damaged"
+    for path in damage_note.paths(root, folder):
+        what.setdefault(path, "is damaged")
+    return [f"{path.name} {why}" for path, why in what.items()]
 
 
 def siblings(names: Iterable[str]) -> set[str]:

@@ -60,7 +60,7 @@ def merge(run: Run, others: Sequence[Path]) -> Summary:
             for root in roots:
                 tombstones.unite(run.root, source, root)
             purged, before = _begin_purge(run.root, source), counts["files"] + counts["scores"]
-            for root in sorted(roots, key=lambda root: _has_others(root, source)):
+            for root in roots:
                 there, name = files[root, source], f"merge {source} of {root}"
                 with run.progress.task(name, total=len(there), unit="files") as task:
                     for path in there:
@@ -186,15 +186,6 @@ def _note(root: Path, home: Path, source: str) -> None:
         write_bytes(ours.key(source), theirs.key(source).read_bytes(), mode=0o600)
 
 
-def _has_others(root: Path, source: str) -> bool:
-    """Whether a root has merged others itself; those that it has come first."""
-    path = Layout(root).state(source)
-    if not path.is_file():
-        return False
-    with closing(Frontier(path, readonly=True)) as theirs:
-        return bool(theirs.merged())
-
-
 def _spent(root: Path, home: Path, source: str) -> int:
     """Add what the other machine has spent, each request once; how many were new."""
     path = Layout(root).state(source)
@@ -204,4 +195,4 @@ def _spent(root: Path, home: Path, source: str) -> int:
         closing(Frontier(path, readonly=True)) as theirs,
         closing(Frontier(Layout(home).state(source))) as ours,
     ):
-        return ours.add_ledger(theirs, str(path))
+        return ours.add_ledger(theirs)

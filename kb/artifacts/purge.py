@@ -40,7 +40,7 @@ from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of
 from kb.store.atomic import remove_path, write_bytes
 from kb.store.layout import BELOW, Layout
-from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import json_files, tombstones
 from kb.store.state.frontier import Frontier
@@ -131,7 +131,8 @@ class Purge:
     `asked` are people to be left out, `keys` what is removed and why, `absent` named ones that the
     data root does not have (KNOWN or UNKNOWN), `names` other names of what is removed, of which
     `other_names` are those people's, `counts` what else the summary says. `scratch` is a folder for
-    work files; `keys_file` has the keys for worker processes.
+    work files; `keys_file` has the keys for worker processes. `damage` says which raw data could
+    not be read: everything that could be read was purged.
     """
 
     run: Run
@@ -146,6 +147,7 @@ class Purge:
     names: Names = field(default_factory=dict)
     other_names: Names = field(default_factory=dict)
     repeats: set[str] = field(default_factory=set)
+    damage: DamagedData | None = None
     counts: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -237,8 +239,7 @@ def finish(root: Path, source: str) -> None:
     """After the last step: say in manifests what was removed, compact the state and remove the
     note.
 
-    Raises WriterLocked, DiskFull, and DamagedData if some raw data could not be read: everything
-    that could be read was purged.
+    Raises WriterLocked and DiskFull.
     """
     note = unfinished(root, source)
     for name, text in note.files.items():
@@ -252,7 +253,6 @@ def finish(root: Path, source: str) -> None:
         try:
             frontier.forget()
             Layout(root).purge(source).unlink(missing_ok=True)
-            damaged_answers.report(root, source, frontier)
         finally:
             frontier.close()
 
@@ -401,7 +401,7 @@ def _is_derived(location: RowLocation) -> bool:
 
 def state(purge: Purge) -> None:
     """Items of the frontier, and bytes that nobody can read and that may hold a key."""
-    damaged_answers.remove_quarantined(purge.root, purge.rules.source)
+    quarantine.remove_quarantined(purge.root, purge.rules.source)
     for kind in purge.rules.items:
         purge.frontier.remove(kind, purge.keys)
     if purge.rules.forget:

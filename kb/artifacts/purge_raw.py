@@ -18,7 +18,7 @@ from kb.core.engine import make_executor, make_threads, map_in_order
 from kb.schema import answer_keys as schema
 from kb.store.atomic import followed, writing
 from kb.store.damage import open_file
-from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
 from kb.store.state.frontier import Frontier
 
@@ -148,10 +148,10 @@ def rewrite_segment(path: Path, changes: Iterable[tuple[int, int, Envelope | Non
     with writing(path) as temporary, open_file(path) as old, temporary.open("wb") as new:
         at = 0
         for start, end, frame in frames:
-            damaged_answers.copy(old, new, at, start)
+            quarantine.copy(old, new, at, start)
             new.write(frame)
             at = end
-        damaged_answers.copy(old, new, at, path.stat().st_size)
+        quarantine.copy(old, new, at, path.stat().st_size)
     return len(frames)
 
 

@@ -337,7 +337,7 @@ def _clean(root: Path) -> Iterator[View]:
             place, doc = at.clean(source, verdict), table(f"shared/{verdict}").doc
             yield from _view("clean", f"{source}_{verdict}", place, "*.parquet", doc, root)
         doc = table("shared/tombstones").doc
-        place = at.tombstones(source)[0]
+        place = at.tombstones(source)
         yield from _view("clean", f"{source}_tombstones", place.parent, place.name, doc, root)
 
 

@@ -101,8 +101,8 @@ class SchemaMismatch(FatalError):
 
 
 class DamagedData(FatalError):
-    """A file under the data root can't be read. `paths` are raw segments or captured files, where
-    it is about some of those.
+    """A file under the data root can't be read. `paths` are the files that it is about, where they
+    are known.
     """
 
     def __init__(self, message: str, *, hint: str = "", paths: Iterable[Path] = ()) -> None:

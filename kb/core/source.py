@@ -54,7 +54,7 @@ class Source(Publication, ABC):
     """Kinds of the frontier that are never fetched."""
 
     unfiltered: ClassVar[tuple[str, ...]] = ()
-    """Raw kinds that no filter reads: samples that measures compare."""
+    """Raw kinds that no filter reads: samples that measures compare, what lists named."""
 
     crawl_settings: ClassVar[tuple[str, ...]] = ()
     """Keys of its section of the profile that a crawl or a refresh reads, and no filter."""

@@ -1,7 +1,8 @@
 """The interface of a connector: phases, answers, and the methods that a crawl calls."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 import msgspec
@@ -67,6 +68,20 @@ class Answer:
     complete: bool = True
 
 
+_SEEDS_AT_ONCE = 10_000
+
+
+def seed_requests(
+    frontier: Frontier, kind: str, name: str, keys: Iterable[str], before: str = ""
+) -> Iterator[dict[str, Any]]:
+    """Parameters that list these keys under `name`, as many as an envelope may have, without those
+    that the frontier knows; there `before` stands before a key.
+    """
+    new = (key for key in keys if frontier.get(kind, before + key) is None)
+    while some := list(islice(new, _SEEDS_AT_ONCE)):
+        yield {name: some}
+
+
 @dataclass(kw_only=True)
 class Opened:
     """What a connector may use of its open data root. A crawl's session is one; this is of one
@@ -124,6 +139,12 @@ class Connector:
     def begin(self, opened: Opened) -> None:
         """The data root is open; before the raw tail is replayed. Sends nothing."""
         self.opened = opened
+
+    def seeds(self, frontier: Frontier) -> Iterator[dict[str, Any]]:
+        """What a list names that the frontier does not know, as parameters of requests to record
+        (`rawlog.SEEDS`), which `reduce` then adds. Sends nothing.
+        """
+        return iter(())
 
     def discover(self, frontier: Frontier) -> None:
         """Add the seeds, and what a new round starts with. Sends nothing."""

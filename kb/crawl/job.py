@@ -9,11 +9,12 @@ from kb.core.context import Run
 from kb.core.errors import GLOBAL_STOPS, KbError, LimitReached, NothingRead, Stopped, severity
 from kb.core.source import Source
 from kb.core.summary import Summary
-from kb.crawl.connector import Connector, Phase
+from kb.crawl.connector import Answer, Connector, Phase
 from kb.crawl.limits import upstream
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession, open_session
 from kb.net import redact
+from kb.store.rawlog.rawlog import SEEDS
 
 Summarize = Callable[[CrawlSession, Loop], Summary]
 
@@ -42,6 +43,8 @@ def work(
             session.frontier.set_cursor(ASKED, dict(connector.asked))
         loop = Loop(session, phases, facts=facts)
         try:
+            for params in connector.seeds(session.frontier):
+                session.record(Answer(SEEDS, SEEDS, params, {}))
             connector.discover(session.frontier)
             loop.run()
             check_read(connector, loop)

@@ -33,7 +33,7 @@ def remove_keys(
     """Remove what is made of the source, then the keys from raw answers, kept rows and the state;
     the purge, and the rows that went.
 
-    Damaged raw data is set aside; `steps.finish` reports it. Raises WriterLocked, DiskFull,
+    Damaged raw data is set aside; `Purge.damage` says so. Raises WriterLocked, DiskFull,
     Interrupted.
     """
     # Opening a session takes in what a killed crawl or import had not committed.
@@ -46,6 +46,7 @@ def remove_keys(
             purge_raw.check_readable(run.root, rules.source, run.workers)
         except DamagedData:
             session.recorder.check_all_segments()
+        purge.damage = session.recorder.damage
         purge.find()
         purge.begin()
         removed: list[PurgeLine] = []

@@ -17,6 +17,7 @@ from kb.core.errors import TURNED_AWAY, Retryable
 from kb.crawl.connector import Answer, Connector, Opened
 from kb.store import lock
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.rawlog.recorder import Recorder
 from kb.store.state import tombstones
@@ -118,8 +119,8 @@ def open_session(
 
     `place` is a work folder that holds raw answers and state instead of the data root. `online` is
     false where nothing is asked of the service, so that no credential is needed and any host will
-    do. Without `report_damage` the caller reports by `damaged_answers.report` which raw data are
-    damaged. `removed` keys count as purged. Raises UsageError before anything is sent or written,
+    do. Without `report_damage` the caller raises `recorder.damage`, which says what raw data have
+    lost. `removed` keys count as purged. Raises UsageError before anything is sent or written,
     WriterLocked, DamagedData.
     """
     root = place or run.root
@@ -129,6 +130,12 @@ def open_session(
         if root == run.root:
             domain_binding.note(run.root, run.profile)
         domain_binding.bind_service(root, connector.name, **facts)
+        if not Layout(root).state(connector.name).exists() and rawlog.any_answer(
+            root, connector.name
+        ):
+            run.progress.say(
+                f"{connector.name}: its state is missing; it is replayed from raw data"
+            )
         frontier = Frontier(Layout(root).state(connector.name), payloads=connector.payloads)
         stack.callback(frontier.close)
         session = CrawlSession(

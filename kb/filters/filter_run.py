@@ -15,7 +15,7 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,9 +42,8 @@ from kb.schema.tables import table
 from kb.store.atomic import write_text
 from kb.store.layout import VERDICTS, Layout, parquet_files
 from kb.store.lock import of_clean, writer
-from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog import quarantine, rawlog
 from kb.store.state import tombstones
-from kb.store.state.frontier import Frontier
 from kb.store.tables import parquet, partition, row_counts
 from kb.store.tables.shard_writer import write_table
 
@@ -65,8 +64,7 @@ def run_clean(run: Run, source: str, recipe: str = "") -> Summary:
     _segments(run.root, spec)  # without any, nothing is written
     with domain_binding.writing(run, *of_clean(source)):
         raw = manifest.inputs(run.root, f"clean/{source}")
-        tombstones.heal(run.root, source)
-        damaged_answers.check(run.root, source)
+        quarantine.check(run.root, source)
         with _decoded(run, job._replace(scores=key)) as decoded:
             if key and spec.scorer is not None:
                 spec.scorer.annotate(run, source, _texts(run, decoded))
@@ -229,8 +227,7 @@ def _decode(
             raise error
     except DamagedData as error:
         hint = f"run `kb {job.source} crawl`: it moves damaged data away and fetches it again"
-        with closing(Frontier(Layout(run.root).state(job.source))) as frontier:
-            damaged_answers.note(run.root, job.source, frontier, error, hint)
+        quarantine.note(run.root, job.source, error, hint)
         raise
     return rows, unknown
 

@@ -107,7 +107,9 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
         [
             GateProblem("out of date", name, ", ".join(why))
             for name, why in stale.items()
-            if not all(one.endswith("is missing") for one in why)  # the gate looks at files
+            if not all(
+                one.endswith(("is missing", "is damaged")) for one in why
+            )  # the gate looks at files
         ],
         hint="run `kb build`, which makes what is out of date",
     )

@@ -44,9 +44,6 @@ _SETTINGS = {
 }
 _RULES = {"clean/youtube": 3, "pairs": 7, "tasks": 2, "links": 1}
 _KEPT_FILES = {"pairs": ("measures.json",)}  # figures of samples that cost requests
-_ADDED = {  # tables that another command adds to a folder, which is complete without them
-    "pairs/scores": "run `kb pairs score` with the same films, which decodes none of them again"
-}
 
 
 class Maker(NamedTuple):
@@ -100,18 +97,6 @@ class Artifact:
     def kept_files(self) -> tuple[str, ...]:
         """Files of a derived artifact that are kept when it is made again."""
         return _KEPT_FILES.get(self.name, ())
-
-    @property
-    def added(self) -> tuple[str, ...]:
-        """Tables that another command adds to the folder; without them the artifact is complete."""
-        return tuple(one for one in self.tables if one in _ADDED)
-
-    def hint_of(self, path: Path) -> str:
-        """How to make one of its files again when it is damaged or missing."""
-        for one in self.added:
-            if path.match(f"{one}-*.parquet"):
-                return f"remove it, then {_ADDED[one]}" if path.exists() else _ADDED[one]
-        return self.hint
 
     @property
     def command_again(self) -> str:

@@ -23,12 +23,12 @@ SMALL = 50_000_000  # bytes of a file that is read as a whole: checksums, tombst
 def remedy(path: Path) -> str:
     """How to get a damaged or missing file again: of a data root, else of a download."""
     if path.name == "tombstones.parquet":
-        return "run `kb verify --repair`, which restores it from its copy"
+        return "restore it from a copy: without it, purged content would return"
     match, is_released = artifact_of(path), (path.parent / SUMS).is_file()
     # A download is often named like the folder that it was released from, or like a data root's.
     of_root = match is not None and Layout(match[0]).state_folder().is_dir()
     if match is not None and (of_root or not (match[1].public or is_released)):
-        return match[1].hint_of(path)
+        return match[1].hint
     return DOWNLOAD if is_released else "restore it from a copy"
 
 
@@ -40,13 +40,17 @@ def unreadable(path: object, why: Exception | str, hint: str = "") -> DamagedDat
     if isinstance(why, Exception):
         lines = (getattr(why, "strerror", None) or str(why)).splitlines()
         why = lines[0].rstrip(".") if lines else type(why).__name__
-    return DamagedData(f"{path} can't be read: {why}", hint=hint or remedy(Path(str(path))))
+    paths = [path] if isinstance(path, Path) else []
+    hint = hint or remedy(Path(str(path)))
+    return DamagedData(f"{path} can't be read: {why}", hint=hint, paths=paths)
 
 
 def missing(paths: Sequence[object], hint: str = "") -> DamagedData:
     """The error of files that were written and are not there; `paths` as in `unreadable`."""
     more = f" (and {len(paths) - 1:,} more files)" if len(paths) > 1 else ""
-    return DamagedData(f"{paths[0]} is missing{more}", hint=hint or remedy(Path(str(paths[0]))))
+    files = [path for path in paths if isinstance(path, Path)]
+    hint = hint or remedy(Path(str(paths[0])))
+    return DamagedData(f"{paths[0]} is missing{more}", hint=hint, paths=files)
 
 
 @contextlib.contextmanager

@@ -4,8 +4,8 @@ Each is one fact with many errors. Of a full disk Python, Arrow and PyAV tell wi
 with codes of its own; NumPy, tantivy, torch, tokenizers and DuckDB say only that something failed,
 each in its own class and words. Where no errno says what happened, the file system is asked whether
 it still takes a file. Of memory Python and Arrow's pools tell with MemoryError, the system with an
-errno, DuckDB with an error of its own; torch, ONNX Runtime, the loader of libraries and threads
-that can't start have only a text for it.
+errno, DuckDB and torch with a class of their own; what has only words for it is any other failure,
+with its own message.
 """
 
 import contextlib
@@ -28,45 +28,20 @@ _WHY = {
 # Bytes: a library may have removed a part of what it wrote before it reports the failure.
 _LEAST_ROOM = 64 << 20
 HINT = "try fewer --workers"
-_TEXTS = (
-    "can't allocate memory",
-    "cannot allocate memory",
-    "can't start new thread",
-    "cannot create thread",
-    "out of memory",
-    "bad_alloc",
-    "bad allocation",
-    "failed to alloc",
-    "failed to map segment",
-    "malloc of size",
-    "resource temporarily unavailable",
-)
+_MEMORY = (("duckdb", "OutOfMemoryException"), ("torch", "OutOfMemoryError"))
 
 
 def is_out_of_memory(error: BaseException | None) -> bool:
     """Whether an error, or the one that led to it, means that memory ran out."""
+    named = (getattr(sys.modules.get(module), name, None) for module, name in _MEMORY)
+    kinds = (MemoryError, *filter(None, named))
     while error is not None:
-        if isinstance(error, MemoryError):
+        if isinstance(error, kinds):
             return True
-        if isinstance(error, OSError) and error.errno is not None:
-            if error.errno in (errno.ENOMEM, errno.EAGAIN):
-                return True
-        elif _is_generic(error) and any(text in str(error).lower() for text in _TEXTS):
+        if isinstance(error, OSError) and error.errno in (errno.ENOMEM, errno.EAGAIN):
             return True
         error = error.__cause__
     return False
-
-
-def _is_generic(error: BaseException) -> bool:
-    """Whether only the text of an error may tell: what quotes values of the data is of a class that
-    says so.
-    """
-    if isinstance(error, KbError):
-        return False
-    named = (("pyarrow", "ArrowException"), ("duckdb", "OperationalError"))
-    kinds = [getattr(sys.modules.get(name), kind, None) for name, kind in named]
-    kinds += [getattr(sys.modules.get("duckdb"), "InternalError", None)]
-    return isinstance(error, (RuntimeError, ImportError, OSError, *filter(None, kinds)))
 
 
 @contextlib.contextmanager

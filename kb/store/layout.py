@@ -81,10 +81,13 @@ class Layout:
         """The wiki's image files, named by what is in them."""
         return self.raw(CAPTURED, "images")
 
-    def tombstones(self, source: str) -> tuple[Path, Path]:
-        """Both files of a source's purged keys: the first for others to read, and its copy."""
-        name = "tombstones.parquet"
-        return self.raw(source) / name, self.state_folder(source) / name
+    def tombstones(self, source: str) -> Path:
+        """A source's purged keys."""
+        return self.raw(source) / "tombstones.parquet"
+
+    def tombstone_count(self, source: str) -> Path:
+        """How many purged keys there are at least."""
+        return self.state_folder(source) / "tombstones.json"
 
     def state_folder(self, source: str = "") -> Path:
         """state/, or what a source keeps there in a folder of its own."""
@@ -93,10 +96,6 @@ class Layout:
     def state(self, source: str) -> Path:
         """What is to do and what was done, in SQLite."""
         return self.state_folder() / f"{source}.sqlite"
-
-    def rebuilt(self, source: str) -> Path:
-        """A folder for a second state, made of the raw data that are left."""
-        return self.state_folder() / f".{source}.rebuilt"
 
     def lock(self, name: str) -> Path:
         """The file of a lock of kb.store.lock."""
@@ -125,9 +124,10 @@ class Layout:
         """The keys of a purge that is not finished."""
         return self.state_folder() / f"{source}.purge.json"
 
-    def repairing(self, source: str) -> Path:
-        """There while a repair reads lost raw data again and has not filtered them yet."""
-        return self.state_folder() / f"{source}.repair"
+    @property
+    def damaged_files(self) -> Path:
+        """What commands found damaged (kb.store.damage_note)."""
+        return self.state_folder() / "damaged-files.txt"
 
     def importing(self, source: str) -> Path:
         """Which files were imported, and how far."""

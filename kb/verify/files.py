@@ -28,7 +28,7 @@ from kb.verify.findings import KINDS, Findings
 # Beside the folders of commands: other roots and what belongs to a checkout.
 NEIGHBOURS = {"demo", "dumps", "profiles", demo_mark.NAME, ".gitignore", ".gitkeep"}
 _OF_STATE = (
-    *(".lock", ".key", ".exported", ".repair", ".txt"),
+    *(".lock", ".key", ".exported", ".txt"),
     *(".sqlite-wal", ".sqlite-shm", ".bak"),
     ".stamps",  # of imported files
     *(".arrow", ".npy"),  # of artifacts on their way
@@ -138,7 +138,7 @@ class FileVerifier:
         if path.suffix == ".sqlite" and len(parts) == 2:
             raw.state(self._findings, path)
         elif path.suffix in (".parquet", ".json"):
-            self._checked("tombstones" if path.name == "tombstones.parquet" else "state", path)
+            self._checked("state", path)
         elif path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
             self._findings.intact("set aside", path)
         elif (
@@ -155,8 +155,7 @@ class FileVerifier:
         if path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
             self._findings.intact("set aside", path)
         elif path.name == MANIFEST or self._is_listed(path, artifact):
-            is_added = artifact.hint_of(path) != artifact.hint
-            self._checked("scores" if is_added else kind, path)
+            self._checked(kind, path)
         elif kind == "index" and path.name.startswith("."):
             self._findings.advance(path.stat().st_size)  # tantivy's own locks and lists
         else:

@@ -17,7 +17,6 @@ KINDS = (
     "annotations",
     "clean",
     "pairs",
-    "scores",
     "tasks",
     "labels",
     "links",

@@ -2,16 +2,17 @@
 
 import sqlite3
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import zstandard
 
-from kb.core.errors import DamagedData, FatalError
+from kb.core.errors import FatalError
 from kb.core.regular_file import read_regular
 from kb.store.layout import BELOW, CAPTURED, Layout
-from kb.store.rawlog import damaged_answers, rawlog, sidefiles
+from kb.store.rawlog import quarantine, rawlog, sidefiles
 from kb.store.state.crawl_state import REBUILT
 from kb.store.tables import reading
 from kb.verify.findings import Findings
@@ -26,58 +27,36 @@ class SegmentVerifier:
 
     def __init__(self, findings: Findings, root: Path, source: str) -> None:
         self._findings, self._root, self._source = findings, root, source
-        self._known = self._offsets()
-        self._crawl = f"run `kb {source} crawl`, which fetches its items again"
+        self._known, self._lost = self._read_state()
+        self._crawl = f"run `kb verify --repair`, then `kb {source} crawl`, which fetches it again"
 
     def file(self, path: Path) -> None:
         """Read a segment in full."""
         findings, name, size = self._findings, rawlog.base_name(path), path.stat().st_size
         committed = self._known.pop((path.parent.name, name), 0)
-        gaps = damaged_answers.gaps(path, committed)
+        lost = quarantine.lost_of(path, committed)
         findings.advance(size)
-        if committed > size:
-            what = f"ends at byte {size:,}, {committed - size:,} bytes are missing"
-            findings.damaged("raw answers", path, what, self._crawl)
-        elif gaps:
-            start, end = gaps[0]
-            more = f" (and {len(gaps) - 1:,} more places)" if len(gaps) > 1 else ""
-            what = f"{end - start:,} bytes at {start:,} can't be read{more}"
-            findings.damaged(
-                "raw answers", path, what, f"run `kb verify --repair`, or {self._crawl}"
-            )
-        else:
-            findings.intact("raw answers", path)
+        what = lost[0].what if lost else ""
+        more = f" (and {len(lost) - 1:,} more places)" if len(lost) > 1 else ""
+        findings.checked("raw answers", path, what + more, self._crawl)
 
     def end(self) -> None:
         """What the state knows and is not there, and what was lost and not asked for again."""
-        absent = [place for place, committed in self._known.items() if committed]
-        for kind, name in absent:
-            path = rawlog.folder(self._root, self._source, kind) / f"{name}{rawlog.SUFFIX}"
-            self._findings.missing("raw answers", path, self._crawl)
-        base = Layout(self._root).raw(self._source)
-        reported = [
-            one
-            for one in self._findings.of("raw answers")
-            if base in one.path.parents and one.state != "foreign"
-        ]
-        state_is_whole = all(
-            one.path != Layout(self._root).state(self._source) for one in self._findings.of("state")
-        )
-        if not reported and state_is_whole:
-            try:
-                damaged_answers.check(self._root, self._source)
-            except DamagedData as error:
-                self._findings.missing("raw answers", base, error.hint, str(error))
+        for (kind, name), committed in self._known.items():
+            if committed:
+                path = rawlog.folder(self._root, self._source, kind) / f"{name}{rawlog.SUFFIX}"
+                self._findings.missing("raw answers", path, self._crawl)
+        if self._lost:
+            error = quarantine.damage_of(self._root, self._source, [], self._lost)
+            base = Layout(self._root).raw(self._source)
+            self._findings.missing("raw answers", base, error.hint, str(error))
 
-    def _offsets(self) -> dict[tuple[str, str], int]:
+    def _read_state(self) -> tuple[dict[tuple[str, str], int], list[tuple[str, str]]]:
         path = Layout(self._root).state(self._source)
-        if not path.is_file():
-            return {}
-        try:
-            with reading.state(path) as frontier:
-                return dict(frontier.offsets())
-        except (FatalError, sqlite3.Error):
-            return {}  # reported with the state
+        if path.is_file():
+            with suppress(FatalError, sqlite3.Error), reading.state(path) as frontier:
+                return dict(frontier.offsets()), frontier.lost()
+        return {}, []  # reported with the state
 
 
 def state(findings: Findings, path: Path) -> None:

@@ -25,6 +25,7 @@ from kb.store import leftovers, lock
 from kb.store.artifact_registry import ARTIFACTS, SUMS, artifact_of
 from kb.store.damage import DOWNLOAD, remedy
 from kb.store.layout import VERDICTS, Layout, parquet_files
+from kb.store.state import tombstones
 from kb.store.tables import checksums, database
 from kb.store.tables.checksums import read_small, short_lines
 from kb.store.tables.reading import scan
@@ -190,6 +191,7 @@ def compare(findings: Findings, root: Path) -> None:
     steps = [
         partial(raw.lost_side_files, findings, root),
         partial(_missing_files, findings, root),
+        partial(_missing_tombstones, findings, root),
         *(partial(_two_answers, findings, root, source) for source in SOURCES),
         *(partial(_release, findings, root, source) for source in PUBLISHED),
     ]
@@ -208,14 +210,21 @@ def _missing_files(findings: Findings, root: Path) -> None:
             continue
         with contextlib.suppress(DamagedData):  # reported with the manifest itself
             lost = manifest.missing(root, name)
-            for one in artifact.added:
-                for path in manifest.missing(root, one):
-                    findings.missing("scores", path, artifact.hint_of(path))
             is_made = manifest.read(root, name) is not None
             if kind == "index" and not is_made and any(artifact.folder(root).glob("*.store")):
                 lost = [artifact.manifest(root)]
             for path in lost:
                 findings.missing(kind, path, artifact.hint)
+
+
+def _missing_tombstones(findings: Findings, root: Path) -> None:
+    for source in SOURCES:
+        path = tombstones.path(root, source)
+        try:
+            tombstones.keys(root, source)
+        except DamagedData as error:
+            if not any(one.path in (path, *error.paths) for one in findings.entries):
+                findings.missing("tombstones", path, error.hint, str(error))
 
 
 def _two_answers(findings: Findings, root: Path, source: str) -> None:

@@ -74,6 +74,7 @@ class Wiki(Source):
     }
     counted = "pages"
     files = ("pages", "images")
+    unfiltered = ("seeds",)
     crawl_settings = (
         "hosts",
         "namespaces",

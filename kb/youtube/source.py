@@ -47,7 +47,7 @@ class YouTube(Source):
     }
     counted = "videos"
     noted = ("channels",)
-    unfiltered = ("second_tracks",)
+    unfiltered = ("second_tracks", "seeds")
     crawl_settings = (
         "keywords",
         "search_pages",

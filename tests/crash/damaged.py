@@ -2,8 +2,9 @@
 has no effect.
 
 `kb verify` looks first, then whatever reads the file: a reader that ends well has made what it
-makes of whole files, or it names the file and ends with 1. Then `kb verify --repair`: all is as it
-was, or the root is told again not to be whole.
+makes of whole files, or it names the file and ends with 1. Then `kb verify --repair`, and where it
+says so `kb SOURCE crawl` and `kb build`: all is as it was, or the root is told again not to be
+whole.
 """
 
 import random
@@ -94,7 +95,7 @@ def _of(source: str) -> Iterator[Place]:
     if source == "wiki":
         raw += ["raw/wiki/pages/*/*/*", "raw/wiki/images/*"]
     yield Place(f"raw/{source}", tuple(raw), (filtered, asked))
-    state = (f"state/{source}.sqlite", f"state/{source}/*.parquet")
+    state = (f"state/{source}.sqlite", f"state/{source}/tombstones.json")
     yield Place(f"state/{source}", state, (filtered, asked, status))
     yield Place(f"annotations/{source}", (f"annotations/{source}/*",), (filtered,))
     exported = Reader(((source, "export"),), f"release/{source}")
@@ -203,9 +204,14 @@ class Spoiled:
 
     def _repaired(self) -> str:
         """Whether all is as it was, or the root is told again not to be."""
-        ended = harm.run(("verify", "--repair"), self._env, self._folder)
+        repair = ("verify", "--repair")
+        ended = harm.run(repair, self._env, self._folder)
+        kind, _, source = self.place.name.partition("/")
+        if kind == "raw" or (ended.code and kind == "state"):
+            for words in ((source, "crawl"), ("build", "pairs", "release"), repair):
+                ended = harm.run(words, self._env, self._folder)
         if ended.code:
-            return "told again" if "is not whole" in ended.err else f"unclear: {ended.err[-600:]}"
+            return "told again" if "has problems" in ended.err else f"unclear: {ended.err[-600:]}"
         differ = [
             name
             for folder in _MADE

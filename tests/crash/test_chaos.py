@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from kb.store.rawlog import rawlog
 from tests.conftest import skip_or_fail
 from tests.crash import chaos, damaged, harm, worlds
 from tests.crash.chaos import Trial
@@ -92,6 +93,31 @@ def test_damage_is_told_and_mended_or_has_no_effect(
     spoiled = damaged.Spoiled(made, found, tmp_path / "trial")
     file = max(spoiled.files, key=lambda path: (spoiled.base / path).stat().st_size)
     assert spoiled.came(kind, file, SEED, readers=1) == ("told", "repaired", [])
+
+
+def test_a_killed_repair_keeps_every_intact_answer(made: Worlds, tmp_path: Path) -> None:
+    trial = trial_of(made, "verify --repair", tmp_path)
+
+    def lines(kind: str) -> set[bytes]:
+        paths = rawlog.segments(trial.root, "reddit", kind)
+        return {line for path in paths for _, line in rawlog.Frames(path, skip_damage=True)}
+
+    length = 0
+    for part in range(5):
+        trial.fresh("made")
+        found = trial.root.glob("raw/reddit/*/*.zst")
+        path = max(found, key=lambda path: path.stat().st_size)
+        worlds.flip(path)
+        intact = lines(path.parent.name)
+        ended = trial.run(harm.KILL, part * length // 5) if part else trial.run()
+        assert ended.code == (-9 if part else 1), ended.err
+        length = length or ended.operations
+        assert trial.run().code == 1
+        assert lines(path.parent.name) == intact
+        assert list(path.parent.glob("*.damaged-*"))
+        crawl = harm.run(("reddit", "crawl"), trial.env, trial.place)
+        assert (crawl.code, lines(path.parent.name) > intact) == (0, True), crawl.err
+        assert trial.run().code == 0
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,13 @@ class Case(NamedTuple):
         )
 
 
+def flip(path: Path) -> None:
+    """Change a bit in the middle of a file."""
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 4
+    path.write_bytes(data)
+
+
 class Worlds:
     """`base(name)` is a root to copy; `cases` are all commands that can run on this machine."""
 
@@ -137,19 +144,12 @@ class Worlds:
 
     @staticmethod
     def _damage(root: Path) -> None:
-        """What `kb verify --repair` has to do: make clean rows, pairs and a release again, and have
-        a raw answer fetched.
+        """What `kb verify --repair` has to do: make clean rows, pairs and a release again, and
+        replay a state.
         """
-        for pattern in (
-            *("raw/reddit/*/*.zst", "raw/wiki/renders/*.zst"),
-            *("clean/youtube/videos/*", "release/reddit/posts-*"),
-        ):
-            if not any(root.glob(pattern)):  # of the wiki, where there is no browser
-                continue
-            path = max(root.glob(pattern), key=lambda path: path.stat().st_size)
-            data = bytearray(path.read_bytes())
-            data[len(data) // 2] ^= 4
-            path.write_bytes(data)
+        for pattern in ("clean/youtube/videos/*", "release/reddit/posts-*"):
+            flip(max(root.glob(pattern), key=lambda path: path.stat().st_size))
+        (root / "state/reddit.sqlite").write_bytes(b"no database" * 1000)
         next(root.glob("pairs/pairs-*")).unlink()
 
     def _cases(self) -> Iterator[Case]:

@@ -6,7 +6,7 @@ import pytest
 
 from kb.artifacts.purge import PurgeRules
 from kb.reddit.purge import RULES as REDDIT
-from kb.store.rawlog import damaged_answers
+from kb.store.rawlog import quarantine
 from kb.wiki.purge import RULES as WIKI
 from kb.youtube.purge import RULES as YOUTUBE
 from tests.youtube.job import Job
@@ -25,7 +25,7 @@ def test_purge_keeps_both_sides_of_a_damaged_frame(job: Job) -> None:
     said = job.stopped("purge", "youtube", "--ids", str(gone), code=1)
     assert f"{end - start:,} bytes at {start:,} can't be read" in said
     assert f"transcripts {video_of(line)}" in said
-    assert not damaged_answers.quarantined_files(job.root, "youtube")  # any key may be in them
+    assert not quarantine.quarantined_files(job.root, "youtube")  # any key may be in them
     left = {video_of(line) for _, _, line in frames(path)}
     vanished = {
         row["key"] for row in job.rows("SELECT key FROM youtube_tombstones WHERE reason <> 'named'")
@@ -45,7 +45,7 @@ def test_a_purge_leaves_no_damaged_bytes_that_may_hold_its_key(job: Job) -> None
     gone = job.place / "gone.txt"
     gone.write_text(video_of(line) + "\n")
     job.stopped("purge", "youtube", "--ids", str(gone), code=1)
-    assert not damaged_answers.quarantined_files(job.root, "youtube")
+    assert not quarantine.quarantined_files(job.root, "youtube")
     job.done("youtube", "crawl")
     assert video_of(line) not in {
         str(one["response"]["video_id"]) for one in job.raw("transcripts")

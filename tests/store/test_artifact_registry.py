@@ -54,7 +54,7 @@ def test_a_table_belongs_to_an_artifact(table: str, name: str) -> None:
         ),
         (
             "raw/youtube/tombstones.parquet",
-            "run `kb verify --repair`, which restores it from its copy",
+            "restore it from a copy: without it, purged content would return",
         ),
         ("raw/youtube/videos/000001.ndjson.zst", "restore it from a copy"),
     ],

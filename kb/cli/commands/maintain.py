@@ -203,14 +203,16 @@ def verify(
         bool,
         typer.Option(
             "--repair",
-            help="Move damaged files away, and fetch or rebuild them; foreign files stay.",
+            help="Move damaged files aside and make derived data again; sends nothing.",
         ),
     ] = False,
 ) -> Summary:
     """Read every byte, and list files that are damaged, missing or foreign.
 
     Prints one line per kind of files, then one per problem with what to do about it. The exit code
-    is 1 if there is a problem. Nothing is changed without --repair.
+    is 1 if there is a problem. Nothing is changed without --repair, which lists what was set aside
+    and made again, and what a crawl or an import has to bring. It leaves foreign files alone: they
+    are listed, and don't count as a problem.
     """
     from kb.artifacts.data_roots import is_root
     from kb.artifacts.table_catalog import empty
@@ -242,7 +244,7 @@ def verify(
     for line in repaired:
         show(with_options(f"repair: {line}"))
     summary = Summary(command="verify", **report.summary(place), repaired=repaired)
-    if report.entries:
+    if any(not (repair and one.state == "foreign") for one in report.entries):
         counts = ", ".join(
             f"{files:,} {state}"
             for state in ("damaged", "missing", "foreign")

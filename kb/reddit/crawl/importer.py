@@ -29,7 +29,7 @@ from kb.reddit.dumps.files import find_dumps, memory
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.dumps.known_dumps import KnownDumps
 from kb.reddit.parse.anonymize import load_key
-from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog import rawlog
 
 
 def import_dumps(
@@ -56,7 +56,8 @@ def import_dumps(
         )
         try:
             summary = import_files(run, job, dumps.files)
-            damaged_answers.forget_refetched(session.frontier, imported=run.again)
+            if run.again:
+                session.frontier.forget_lost(KIND)
         finally:
             for path in rawlog.segments(run.root, "reddit", KIND):
                 session.frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)

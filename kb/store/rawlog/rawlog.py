@@ -7,7 +7,7 @@
 
 A frame is on disk (fsync) before the frontier hears of it. A segment that SIGKILL cut off is
 cut back to its last whole frame when its writer starts again; what the state has committed is
-never cut (kb.store.rawlog.damaged_answers).
+never cut (kb.store.rawlog.quarantine).
 """
 
 import os
@@ -32,6 +32,7 @@ from kb.store.walk import walk
 
 SUFFIX = ".ndjson.zst"
 OPEN = SUFFIX + ".open"
+SEEDS = "seeds"  # the raw kind of what lists named: no answers, but what a replay has to know
 SEGMENT_BYTES = 64 << 20
 MAGIC = b"\x28\xb5\x2f\xfd"
 _WINDOW = 1 << 29
@@ -217,6 +218,7 @@ def any_answer(root: Path, source: str) -> bool:
         not path.name.endswith(".open")
         or next(iter(Frames(path, skip_damage=True)), None) is not None
         for path in all_segments(root, source)
+        if path.parent.name != SEEDS
     )
 
 

@@ -3,8 +3,8 @@
     ledger row (committed) → request → one frame, synced → frontier and offset in one transaction
 
 At start the raw tail past the known offset is replayed into the frontier by the same function
-that a live answer goes through, so nothing that was answered is asked again, but for what the raw
-data have lost since (kb.store.rawlog.damaged_answers).
+that a live answer goes through, so nothing that was answered is asked again. Where raw data are
+damaged or missing, all that is left is replayed (kb.store.rawlog.quarantine).
 """
 
 import os
@@ -15,11 +15,11 @@ from typing import Any, Self
 
 from kb.core import clock
 from kb.core.errors import DamagedData
+from kb.store import damage_note
 from kb.store.atomic import sync_folder
-from kb.store.rawlog import damaged_answers, rawlog
-from kb.store.rawlog.damaged_answers import Apply
+from kb.store.rawlog import quarantine, rawlog
+from kb.store.rawlog.quarantine import Apply, LostRange
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
-from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 
 _AGAIN = "run the same command again: it moves damaged data away and lists what that contained"
@@ -29,8 +29,8 @@ class Recorder:
     """Writes a source's answers. Make it under the source's writer lock; close it at the end.
 
     `asked`: the kinds of items that a crawl asks for. Raw data that are damaged or missing are set
-    aside, and what they held becomes to do again: DamagedData (exit 1) names them once. Without
-    `report_damage` the caller reports damage with `damaged_answers.report`.
+    aside, the state is replayed from what is left, and what is absent then is to do again:
+    `damage` is the error that says so, which is raised unless `report_damage` is false.
     """
 
     def __init__(
@@ -47,24 +47,32 @@ class Recorder:
         self._asked = asked
         self._segments: dict[str, Segment] = {}
         self._lock = threading.Lock()
-        tombstones.heal(root, source)
-        self._quarantine_damage(every=False)
-        if report_damage:
-            damaged_answers.report(root, source, frontier)
+        self.damage: DamagedData | None = None
+        self._set_damage_aside(every=False)
+        if self.damage is not None and report_damage:
+            raise self.damage
 
     def check_all_segments(self) -> None:
-        """Set aside what can't be read of segments that nothing was wrong with by the state, and
-        look up what it held. The open segments must be closed.
+        """Set aside what can't be read of segments that nothing was wrong with by the state. The
+        open segments must be closed.
         """
-        self._quarantine_damage(every=True)
+        self._set_damage_aside(every=True)
 
-    def _quarantine_damage(self, *, every: bool) -> None:
-        damaged_answers.quarantine_damage(self._root, self._source, self._frontier, every=every)
+    def _set_damage_aside(self, *, every: bool) -> None:
+        # Killed on the way, the next run finds what is left to set aside, and replays the rest.
+        segments = quarantine.noted_segments(self._root, self._source)
+        lost = quarantine.losses(self._root, self._source, self._frontier, every=every)
+        if lost:
+            with self._frontier.transaction():
+                self._frontier.start_over()
+                self._frontier.note_lost(quarantine.lost_dumps(lost))
+            lost = quarantine.set_aside(lost)
+        damage_note.forget(self._root, *segments)
         recover(self._root, self._source)
-        self._replay()
-        damaged_answers.requeue_lost_items(
-            self._root, self._source, self._frontier, self._apply, self._asked
-        )
+        lost += self._replay()
+        items = [*quarantine.lost_dumps(lost), *self._frontier.settle(self._asked)]
+        if lost or items:
+            self.damage = quarantine.damage_of(self._root, self._source, lost, items)
 
     def record(
         self,
@@ -113,7 +121,7 @@ class Recorder:
             for segment in self._segments.values():
                 segment.close()
             self._segments.clear()
-            damaged_answers.forget_refetched(self._frontier)
+            self._frontier.forget_fetched()
 
     def __enter__(self) -> Self:
         return self
@@ -123,19 +131,25 @@ class Recorder:
     ) -> None:
         if isinstance(error, DamagedData):
             # Met by a reader in a segment that nothing was wrong with by the state.
-            damaged_answers.note(self._root, self._source, self._frontier, error, _AGAIN)
+            quarantine.note(self._root, self._source, error, _AGAIN)
         self.close()
 
-    def _replay(self) -> None:
-        """Take in what the frontier has not seen: a tail after a crash, or copied segments."""
+    def _replay(self) -> list[LostRange]:
+        """Take in what the frontier has not seen: a tail after a crash, copied segments, or all;
+        what was set aside of segments that it did not know.
+        """
+        lost: list[LostRange] = []
         for path in rawlog.all_segments(self._root, self._source):
             try:
                 replay_segment(path, self._frontier, self._apply)
             except DamagedData as error:
                 if path not in error.paths:
                     raise
-                damaged_answers.quarantine_segment(path, self._frontier)
+                damaged = quarantine.lost_of(path)
+                self._frontier.note_lost(quarantine.lost_dumps(damaged))
+                lost += quarantine.set_aside(damaged)
                 replay_segment(path, self._frontier, self._apply)
+        return lost
 
 
 def replay_segment(path: Path, frontier: Frontier, apply: Apply) -> None:
@@ -157,7 +171,7 @@ def recover(root: Path, source: str) -> None:
     """Cut torn frames off the ends of open segments and close them.
 
     Called under the writer's lock, before anything is written, and after
-    `kb.store.rawlog.damaged_answers` took out committed answers that can't be read: only bytes
+    `kb.store.rawlog.quarantine` took out committed answers that can't be read: only bytes
     that no state knows are cut.
     """
     for path in rawlog.all_segments(root, source):

@@ -3,24 +3,23 @@
     raw/wiki/images/<sha256>.<ending>   the name says what is in it
     raw/wiki/pages/<id>/<revision>/…    SHA256SUMS beside them says it, as for `sha256sum -c`
 
-A reader that finds one changed notes it, without any lock; the next crawl sets it aside as
+A reader that finds one changed notes it (kb.store.damage_note); the next crawl sets it aside as
 `<name>.damaged` and fetches again what was in it.
 """
 
-import fcntl
 import os
 import re
 import shutil
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection
 from hashlib import sha256
 from pathlib import Path
 
 from kb.core.errors import DamagedData
 from kb.core.regular_file import read_regular
+from kb.store import damage_note
 from kb.store.artifact_registry import SUMS
-from kb.store.atomic import append, sync_folder, write_bytes
+from kb.store.atomic import sync_folder, write_bytes
 from kb.store.damage import open_file, opening, unreadable
-from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.tables.checksums import digest, listed, parsed
 from kb.store.walk import files_below
@@ -72,39 +71,11 @@ def write_named(path: Path, data: bytes) -> None:
         write_bytes(path, data)
 
 
-def suspect(root: Path, source: str, paths: Iterable[Path]) -> None:
-    """Note files that are missing or not what they were, for the next crawl to ask again.
-
-    Raises DiskFull, with none of them noted.
-    """
-    lines = [f"{path.relative_to(root)}\n" for path in paths]
-    place = _list(root, source)
-    with full_disk_is_resumable(place):
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with place.open("ab", buffering=0) as file:
-            # Several processes may do so at a time, and each has to know where its lines begin.
-            fcntl.flock(file, fcntl.LOCK_EX)
-            append(file, "".join(lines).encode())
-
-
-def suspects(root: Path, source: str) -> list[str]:
-    """The noted files that still are not what they should be, by path from the data root."""
-    place = _list(root, source)
-    if not place.is_file():
-        return []
-    noted = place.read_text(encoding="utf-8", errors="replace").splitlines()
-    return [
-        path
-        for path in sorted(set(noted))
-        if Path(path).is_relative_to(BELOW.raw(source))
-        and ".." not in path
-        and not is_intact(root / path)
-    ]
-
-
-def forget(root: Path, source: str) -> None:
-    """All that was noted is to be asked again."""
-    _list(root, source).unlink(missing_ok=True)
+def suspects(root: Path) -> list[str]:
+    """The noted captured files that still are not what they should be, by path from the root."""
+    at = Layout(root)
+    noted = [path for top in (at.captures, at.images) for path in damage_note.paths(root, top)]
+    return [str(path.relative_to(root)) for path in noted if not is_intact(path)]
 
 
 def quarantine_file(path: Path) -> None:
@@ -121,7 +92,7 @@ def quarantine_path(path: Path) -> Path:
 
 def lost(root: Path, source: str, paths: Collection[Path]) -> DamagedData:
     """What to raise for files that are missing or not what they were; notes them."""
-    suspect(root, source, paths)
+    damage_note.add(root, paths)
     first = min(paths)
     what = "is not what was stored"
     if not first.is_file():
@@ -134,10 +105,6 @@ def lost(root: Path, source: str, paths: Collection[Path]) -> DamagedData:
         hint=f"run `kb {source} crawl`, which fetches it again; then `kb {source} filter`",
         paths=[first],
     )
-
-
-def _list(root: Path, source: str) -> Path:
-    return Layout(root).state_folder(source) / "damaged-files.txt"
 
 
 def is_captured_path(path: str) -> bool:

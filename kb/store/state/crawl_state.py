@@ -16,6 +16,7 @@ import contextlib
 import os
 import sqlite3
 import threading
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ _FULL = {
     "SQLITE_IOERR_TRUNCATE",
     "SQLITE_IOERR_SHMSIZE",
 }
-VERSION = 2
+VERSION = 3
 _CACHE_KIB = 64 << 10
 _TABLES = """
 CREATE TABLE items (
@@ -49,16 +50,27 @@ CREATE INDEX items_by_order ON items (kind, seq);
 CREATE TABLE cursors (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE ledger (
   id INTEGER PRIMARY KEY, at TEXT NOT NULL, day TEXT NOT NULL, bucket TEXT NOT NULL,
-  units INTEGER NOT NULL, endpoint TEXT NOT NULL, outcome TEXT);
+  units INTEGER NOT NULL, endpoint TEXT NOT NULL, outcome TEXT, uid TEXT NOT NULL UNIQUE);
 CREATE INDEX ledger_by_day ON ledger (bucket, day);
+CREATE TABLE lost (kind TEXT NOT NULL, key TEXT NOT NULL, PRIMARY KEY (kind, key)) WITHOUT ROWID;
 CREATE TABLE offsets (kind TEXT NOT NULL, segment TEXT NOT NULL, offset INTEGER NOT NULL,
   PRIMARY KEY (kind, segment)) WITHOUT ROWID;
 """
 # MIGRATIONS[n] brings version n to n + 1; the file is copied aside first.
-MIGRATIONS = {1: "CREATE INDEX items_by_order ON items (kind, seq);"}
+# `uid` names a request on whatever machine its row lies; of older rows it is made of their values.
+_OLD_UID = "at || ' ' || bucket || ' ' || endpoint || ' ' || id"
+MIGRATIONS = {
+    1: "CREATE INDEX items_by_order ON items (kind, seq);",
+    2: f"""
+ALTER TABLE ledger ADD COLUMN uid TEXT;
+UPDATE ledger SET uid = {_OLD_UID};
+CREATE UNIQUE INDEX ledger_by_uid ON ledger (uid);
+CREATE TABLE lost (kind TEXT NOT NULL, key TEXT NOT NULL, PRIMARY KEY (kind, key)) WITHOUT ROWID;
+DELETE FROM cursors WHERE name IN ('lost', 'suspects') OR name LIKE 'merged %';
+""",
+}
 # Of an item in progress: one that had failed before keeps its reason until it is answered.
 PUT_BACK = "status = CASE WHEN reason IS NULL THEN 'todo' ELSE 'error' END"
-MERGED = "merged "  # what cursors of other machines' ledgers begin with
 UNREADABLE = (msgspec.DecodeError, TypeError, RecursionError, UnicodeDecodeError)
 
 
@@ -254,8 +266,9 @@ class State:
         with self.transaction():
             at = clock.stamp()
             cursor = self._db.execute(
-                "INSERT INTO ledger (at, day, bucket, units, endpoint) VALUES (?, ?, ?, ?, ?)",
-                (at, day or at[:10], bucket, units, endpoint),
+                "INSERT INTO ledger (at, day, bucket, units, endpoint, uid)"
+                " VALUES (?, ?, ?, ?, ?, ?)",
+                (at, day or at[:10], bucket, units, endpoint, uuid.uuid4().hex),
             )
             return int(cursor.lastrowid or 0)
 
@@ -270,61 +283,20 @@ class State:
                 (outcome, int(sent), row),
             )
 
-    def add_ledger(self, other: State, name: str) -> int:
-        """Add another state's ledger, each request once; how many were new.
-
-        The cursor MERGED + `name` keeps how far it was read, which of our rows came of it, and
-        which of these it had from a third machine. A third machine's may come here on several ways,
-        its own among them.
-        """
-        columns = "at, day, bucket, units, endpoint, outcome"
+    def add_ledger(self, other: State) -> int:
+        """Add another state's ledger, each request once; how many were new."""
+        columns = "at, day, bucket, units, endpoint, outcome, uid"
         with self.transaction(), other._access():
-            known, ours, *via = self.cursor(MERGED + name, [0, [], []])
-            (last,) = other._db.execute("SELECT coalesce(max(id), 0) FROM ledger").fetchone()
-            first = self._next_row()
-            after = known if known <= last else 0
-            third = _among(other.merged())
-            passed_on = _among(self.merged(2))
-            for which, old in ((f"NOT ({third})", passed_on), (third, "TRUE")):
-                middle = self._next_row()
-                self._db.execute(f"CREATE TEMP TABLE new AS SELECT {columns} FROM ledger LIMIT 0")
-                self._db.executemany(
-                    "INSERT INTO new VALUES (?, ?, ?, ?, ?, ?)",
-                    other._db.execute(
-                        f"SELECT {columns} FROM ledger WHERE id > ? AND ({which})", (after,)
-                    ),
-                )
-                self._db.execute(
-                    f"INSERT INTO ledger ({columns}) SELECT {columns} FROM (SELECT *, row_number()"
-                    f" OVER (PARTITION BY {columns}) AS number FROM new) AS new WHERE number >"
-                    " (SELECT count(*) FROM ledger AS old WHERE old.bucket = new.bucket AND"
-                    " old.day = new.day AND old.at = new.at AND old.endpoint = new.endpoint AND"
-                    " old.units = new.units AND old.outcome IS new.outcome AND old.id < ?"
-                    f" AND ({old}))",
-                    (first,),
-                )
-                self._db.execute("DROP TABLE new")
-            end = self._next_row() - 1
-            if end >= first or last != known:
-                rows = [*ours, [first, end]] if end >= first else ours
-                others = [*(via[0] if via else []), *([[middle, end]] if end >= middle else [])]
-                self.set_cursor(MERGED + name, [last, rows, others])
-            return int(end - first + 1)
-
-    def _next_row(self) -> int:
-        (first,) = self._db.execute("SELECT coalesce(max(id), 0) + 1 FROM ledger").fetchone()
-        return int(first)
-
-    def merged(self, which: int = 1) -> list[tuple[int, int]]:
-        """The first and last id of each stretch of ledger rows that came from other machines; with
-        2, of those that these had from others themselves.
-        """
-        with self._access():
-            rows = self._db.execute(
-                "SELECT value FROM cursors WHERE name LIKE ?", (f"{MERGED}%",)
-            ).fetchall()
-        values = (msgspec.json.decode(value) for (value,) in rows)
-        return [(a, b) for value in values for a, b in (value[which] if len(value) > which else ())]
+            (version,) = other._db.execute("PRAGMA user_version").fetchone()
+            theirs = columns if version > 2 else columns.replace("uid", _OLD_UID)
+            before, _ = self.requests()
+            self._db.executemany(
+                f"INSERT INTO ledger ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (uid)"
+                " DO UPDATE SET units = excluded.units, outcome = excluded.outcome"
+                " WHERE outcome IS NULL",
+                other._db.execute(f"SELECT {theirs} FROM ledger ORDER BY id"),
+            )
+            return self.requests()[0] - before
 
     def spent(self, bucket: str, day: str) -> int:
         """Units of a bucket spent on a day."""
@@ -390,8 +362,3 @@ class State:
 def as_json(value: Any) -> str:
     """A payload or a cursor as it is kept."""
     return msgspec.json.encode(value).decode()
-
-
-def _among(stretches: list[tuple[int, int]]) -> str:
-    """SQL that an id is in one of these."""
-    return " OR ".join(f"id BETWEEN {a} AND {b}" for a, b in stretches) or "FALSE"

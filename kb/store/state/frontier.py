@@ -1,6 +1,6 @@
 """The items that a crawl still has to fetch, by kind and status."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -190,15 +190,95 @@ class Frontier(State):
     def remove(self, kind: str, keys: Iterable[str]) -> None:
         """Forget items (purge)."""
         with self.transaction():
-            self._db.executemany(
-                "DELETE FROM items WHERE kind = ? AND key = ?", [(kind, key) for key in keys]
-            )
+            pairs = [(kind, key) for key in keys]
+            for table in ("items", "lost"):
+                self._db.executemany(f"DELETE FROM {table} WHERE kind = ? AND key = ?", pairs)
 
     def replace(self, kind: str, keys: Iterable[str | tuple[str, Any]]) -> int:
         """Forget all items of a kind and add these instead, as one change; how many there are."""
         with self.transaction():
             self._db.execute("DELETE FROM items WHERE kind = ?", (kind,))
+            self._db.execute("DELETE FROM lost WHERE kind = ?", (kind,))
             return self.add(kind, keys)
+
+    # -- a replay of the raw log -------------------------------------------------------------------
+
+    def start_over(self) -> None:
+        """Forget all that a replay of the raw log gives; `settle` takes back the rest of it.
+
+        The ledger stays: no raw answer says what was spent.
+        """
+        with self.transaction():
+            for table in ("items", "cursors"):
+                self._db.execute(
+                    f"CREATE TABLE IF NOT EXISTS earlier_{table} AS SELECT * FROM {table}"
+                )
+                self._db.execute(f"DELETE FROM {table}")
+            self._db.execute("DELETE FROM offsets")
+
+    def settle(self, asked: Collection[str]) -> list[tuple[str, str]]:
+        """Take back what no raw answer says, at the end of a replay: items that are to do, and
+        cursors. Items of the kinds in `asked` that were answered, and that no raw answer shows any
+        more, are to do again, and returned as (kind, key).
+        """
+        marks = ", ".join("?" * len(asked))
+        with self.transaction():
+            if not self._has_table("earlier_items"):
+                return []
+            lost = self._db.execute(
+                "SELECT kind, key FROM earlier_items AS earlier LEFT JOIN items USING (kind, key)"
+                f" WHERE kind IN ({marks}) AND earlier.status IN ('done', 'skipped')"
+                " AND coalesce(items.status, '') NOT IN ('done', 'skipped')"
+                " ORDER BY kind, earlier.seq",
+                (*asked,),
+            ).fetchall()
+            self._db.execute(
+                "INSERT OR IGNORE INTO items (kind, key, seq, status, reason, payload) SELECT kind,"
+                f" key, seq, CASE WHEN kind IN ({marks}) THEN 'todo' ELSE status END, NULL, payload"
+                " FROM earlier_items",
+                (*asked,),
+            )
+            self._db.execute(
+                "UPDATE items SET status = earlier.status, reason = earlier.reason"
+                " FROM earlier_items AS earlier WHERE earlier.kind = items.kind"
+                " AND earlier.key = items.key AND earlier.status IN ('todo', 'error')"
+            )
+            self.note_lost(lost)
+            self._db.execute("INSERT OR REPLACE INTO cursors SELECT * FROM earlier_cursors")
+            self._db.execute("DROP TABLE earlier_items")
+            self._db.execute("DROP TABLE earlier_cursors")
+        return lost
+
+    def note_lost(self, items: Iterable[tuple[str, str]]) -> None:
+        """Note items (kind, key) whose answers are lost."""
+        with self.transaction():
+            self._db.executemany("INSERT OR IGNORE INTO lost VALUES (?, ?)", items)
+
+    def lost(self) -> list[tuple[str, str]]:
+        """The items whose answers are lost and that were not asked for again."""
+        with self._access():
+            if not self._has_table("lost"):  # of an older version, opened to be read
+                return []
+            return self._db.execute(
+                "SELECT kind, key FROM lost LEFT JOIN items USING (kind, key)"
+                " WHERE coalesce(status, 'todo') IN ('todo', 'in_progress') ORDER BY 1, 2"
+            ).fetchall()
+
+    def forget_fetched(self) -> None:
+        """What was asked for again is lost no longer."""
+        with self.transaction():
+            still = self.lost()
+            self._db.execute("DELETE FROM lost")
+            self.note_lost(still)
+
+    def forget_lost(self, kind: str) -> None:
+        """What was lost of a kind came back in another way."""
+        with self.transaction():
+            self._db.execute("DELETE FROM lost WHERE kind = ?", (kind,))
+
+    def _has_table(self, name: str) -> bool:
+        sql = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?"
+        return self._db.execute(sql, (name,)).fetchone() is not None
 
     def counts(self, kind: str) -> dict[str, int]:
         """How many items of a kind have which status; statuses without items are left out."""

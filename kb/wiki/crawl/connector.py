@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from requests import PreparedRequest
@@ -25,7 +26,7 @@ from kb.core.context import Run
 from kb.core.errors import Postponed
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read
-from kb.crawl.connector import Answer, Connector, Opened, Phase
+from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
 from kb.crawl.id_list import IdList
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
@@ -125,6 +126,13 @@ class WikiConnector(Connector):
         super().begin(opened)
         self._web.sleep = partial(opened.sleep, SITE.service)
         self._web.ledger = self._row
+
+    def seeds(self, frontier: Frontier) -> Iterator[dict[str, Any]]:
+        """The titles of the list, each once a round."""
+        if self._titles is not None:
+            tag = discover.named_tag(frontier, again=self._run.again)
+            titles = seed_requests(frontier, "info", "titles", self._titles.keys, f"{tag}:")
+            yield from ({**request, "round": tag} for request in titles)
 
     def discover(self, frontier: Frontier) -> None:
         """Begin a round, and reopen items that may succeed now."""

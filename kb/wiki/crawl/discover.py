@@ -14,13 +14,14 @@ import msgspec
 from kb.core import clock
 from kb.core.config.profile.collecting import WikiSection
 from kb.core.errors import DamagedData
+from kb.store import damage_note
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.wiki import media_urls
 from kb.wiki.crawl import reduce
-from kb.wiki.crawl.reduce import SiteItem, Title
+from kb.wiki.crawl.reduce import SiteItem
 from kb.wiki.parse.tables import read_extraction
 
 COMPARED = 3  # other items that are asked for when one is refused
@@ -38,7 +39,8 @@ def begin_round(
 ) -> None:
     """Continue a round, or start one: of the titles `names`, or of the complete list.
 
-    A round of named titles does not change what is known about the list.
+    A round of named titles does not change what is known about the list. The titles themselves are
+    recorded before (`WikiConnector.seeds`).
     """
     cursor = "round" if names is None else "named"
     current = _round(frontier, cursor)
@@ -60,10 +62,15 @@ def begin_round(
             if not current.done:
                 reduce.add_lists(frontier, current.number)
             return
-        frontier.add("info", [(f"{tag}:{title}", Title(title)) for title in names])
         waiting = frontier.items("info", "todo")
         if not current.done or any(key.startswith(f"{tag}:") for key, *_ in waiting):
             frontier.add("gone", [tag])
+
+
+def named_tag(frontier: Frontier, *, again: bool) -> str:
+    """What stands before the titles of the round of named titles that `begin_round` gives."""
+    current = _round(frontier, "named")
+    return f"t{current.number + (again and current.done)}"
 
 
 def finish_round(frontier: Frontier, root: Path, tag: str) -> None:
@@ -185,7 +192,7 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
     A page with an intact capture is captured again for a lost sprite. Damaged files are moved to
     quarantine, because their replacements may have other names.
     """
-    lost = sidefiles.suspects(root, "wiki")
+    lost = sidefiles.suspects(root)
     if lost:
         pages = {
             Path(path).relative_to(BELOW.captures).parts[0]
@@ -207,7 +214,7 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
                 frontier.mark(kind, sorted(keys & done), "todo")
         for path in lost:
             sidefiles.quarantine_file(root / path)
-    sidefiles.forget(root, "wiki")
+    damage_note.forget(root, Layout(root).captures, Layout(root).images)
 
 
 def _captured_pages(frontier: Frontier, root: Path) -> Iterator[tuple[str, dict[str, Any] | None]]:

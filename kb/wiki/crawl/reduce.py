@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from kb.store.rawlog.rawlog import Envelope
+from kb.store.rawlog.rawlog import SEEDS, Envelope
 from kb.store.state.frontier import Frontier
 from kb.wiki.parse import answers
 
@@ -92,6 +92,7 @@ PAYLOADS: dict[str, type[msgspec.Struct]] = {
 def reduce(frontier: Frontier, kind: str, envelope: Envelope) -> None:
     """Apply one envelope to the frontier; idempotent."""
     takes = {
+        SEEDS: _seeds,
         "site": _site,
         "titles": _titles,
         "pages": _pages,
@@ -128,6 +129,12 @@ def add_lists(frontier: Frontier, number: int) -> None:
         lists = ((f"{number}:{each}", List(number, each)) for each in known["namespaces"])
         frontier.add("titles", lists)
         _compare_when_listed(frontier, number)
+
+
+def _seeds(frontier: Frontier, envelope: Envelope) -> None:
+    params = envelope.request.params
+    titles = params.get("titles", [])
+    frontier.add("info", [(f"{params['round']}:{title}", Title(title)) for title in titles])
 
 
 def _titles(frontier: Frontier, envelope: Envelope) -> None:

@@ -29,7 +29,7 @@ from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import FatalError, KbError, SettingError
 from kb.core.summary import Summary
-from kb.crawl.connector import Answer, Connector, Opened, Phase
+from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
@@ -307,6 +307,12 @@ class YouTubeConnector(Connector):
         )
         self._fetch = YouTubeFetcher(self.run, self.profile, opened, self._count)
 
+    def seeds(self, frontier: Frontier) -> Iterator[dict[str, Any]]:
+        """The ids of the list that are this part's share."""
+        keys = self._known.keys if self._known is not None else ()
+        mine = (key for key in keys if key not in self.opened.purged and self._mine(key))
+        yield from seed_requests(frontier, VIDEOS, "ids", mine)
+
     def discover(self, frontier: Frontier) -> None:
         """Known ids, or the profile's keywords, channels, and a new round."""
         reopen(frontier, self.profile)
@@ -315,10 +321,6 @@ class YouTubeConnector(Connector):
             frontier.set_cursor(UNJUDGED, True)
         judge_pending(self._reduce, self.run.root, frontier)
         if self._known is not None:
-            purged = self.opened.purged
-            frontier.add(
-                VIDEOS, [key for key in self._known.keys if self._mine(key) and key not in purged]
-            )
             return
         extend(frontier, self.profile, self._mine)
         if self.run.again:

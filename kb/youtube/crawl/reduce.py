@@ -20,7 +20,7 @@ import msgspec
 import pyarrow as pa
 
 from kb.core.config.profile.collecting import YouTubeSection
-from kb.store.rawlog.rawlog import Envelope
+from kb.store.rawlog.rawlog import SEEDS, Envelope
 from kb.store.state.frontier import Frontier
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.answers import PO_TOKEN
@@ -132,6 +132,7 @@ class Reducer:
             RAW_INFO: self._info,
             RAW_SUBTITLES: self._subtitles,
             RAW_PLAYLISTS: self._playlist,
+            SEEDS: self._seeds,
         }
 
     @property
@@ -164,6 +165,10 @@ class Reducer:
         frontier.add(SEARCHES, [(key, None)])
         frontier.payload(SEARCHES, key, SearchItem(keyword, token, page, len(hits)))
         frontier.done(SEARCHES, key)
+
+    def _seeds(self, frontier: Frontier, envelope: Envelope) -> None:
+        ids = envelope.request.params.get("ids", [])
+        frontier.add(VIDEOS, [key for key in ids if key not in self._purged])
 
     def _from_the_top(self, channel: str) -> Uploads:
         return Uploads(uploads_list(channel, self._profile))

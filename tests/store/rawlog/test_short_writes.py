@@ -6,8 +6,8 @@ from typing import IO, Any
 import pytest
 
 from kb.core.errors import DiskFull
-from kb.store import atomic
-from kb.store.rawlog import rawlog, sidefiles
+from kb.store import atomic, damage_note
+from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
 from kb.store.rawlog.recorder import Recorder, recover
 from kb.store.state.frontier import Frontier
@@ -121,22 +121,23 @@ def test_the_list_of_damaged_files_has_whole_lines(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, second = (tmp_path / "raw/wiki/images" / f"{letter * 64}.png" for letter in "ab")
-    sidefiles.suspect(tmp_path, "wiki", [first])
-    [noted] = sidefiles.suspects(tmp_path, "wiki")
+    (tmp_path / "state").mkdir()
+    damage_note.add(tmp_path, [first])
+    assert damage_note.paths(tmp_path, tmp_path) == [first]
     append = atomic.append
-    for room in range(len(noted) + 1):
+    for room in range(len(str(first.relative_to(tmp_path))) + 1):
 
         def taking(file: IO[bytes], data: bytes, room: int = room) -> int:
             full: Any = Takes(file, room)
             return append(full, data)
 
-        monkeypatch.setattr(sidefiles, "append", taking)
+        monkeypatch.setattr(damage_note, "append", taking)
         with pytest.raises(DiskFull):
-            sidefiles.suspect(tmp_path, "wiki", [second])
-        assert sidefiles.suspects(tmp_path, "wiki") == [noted]
-    monkeypatch.setattr(sidefiles, "append", append)
-    sidefiles.suspect(tmp_path, "wiki", [second])
-    assert len(sidefiles.suspects(tmp_path, "wiki")) == 2
+            damage_note.add(tmp_path, [second])
+        assert damage_note.paths(tmp_path, tmp_path) == [first]
+    monkeypatch.setattr(damage_note, "append", append)
+    damage_note.add(tmp_path, [second])
+    assert damage_note.paths(tmp_path, tmp_path) == [first, second]
 
 
 def test_a_real_full_disk_leaves_whole_frames(tmp_path: Path) -> None:

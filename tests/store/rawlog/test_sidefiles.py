@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import DamagedData
+from kb.store import damage_note
 from kb.store.rawlog import sidefiles
 
 
@@ -32,13 +33,14 @@ def test_a_captured_page_is_compared_with_its_checksums(tmp_path: Path) -> None:
 def test_suspects_are_listed_until_they_are_intact_or_forgotten(tmp_path: Path) -> None:
     image = tmp_path / "raw/wiki/images" / f"{hashlib.sha256(b'pixels').hexdigest()}.png"
     image.parent.mkdir(parents=True)
-    sidefiles.suspect(tmp_path, "wiki", [image])
-    assert sidefiles.suspects(tmp_path, "wiki") == [str(image.relative_to(tmp_path))]
+    (tmp_path / "state").mkdir()
+    damage_note.add(tmp_path, [image])
+    assert sidefiles.suspects(tmp_path) == [str(image.relative_to(tmp_path))]
     sidefiles.write_named(image, b"pixels")
-    assert sidefiles.suspects(tmp_path, "wiki") == []
+    assert sidefiles.suspects(tmp_path) == []
     image.unlink()
-    sidefiles.forget(tmp_path, "wiki")
-    assert sidefiles.suspects(tmp_path, "wiki") == []
+    damage_note.forget(tmp_path, image.parent)
+    assert sidefiles.suspects(tmp_path) == []
 
 
 @pytest.mark.parametrize("path", ["raw/wiki/../youtube/a", "/etc/passwd", "state/wiki.sqlite"])

@@ -15,6 +15,15 @@ def as_version_1(root):
     """The state as the first version left it, killed before its log was folded in."""
     frontier = open_frontier(root)
     frontier._db.execute("DROP INDEX items_by_order")
+    frontier._db.execute("DROP TABLE ledger")
+    frontier._db.execute("DROP TABLE lost")
+    frontier._db.execute(
+        "CREATE TABLE ledger (id INTEGER PRIMARY KEY, at TEXT NOT NULL, day TEXT NOT NULL, bucket"
+        " TEXT NOT NULL, units INTEGER NOT NULL, endpoint TEXT NOT NULL, outcome TEXT)"
+    )
+    frontier._db.execute(
+        "INSERT INTO ledger VALUES (1, '2026-11-20T12:00:00Z', '2026-11-20', 'b', 5, 'list', '200')"
+    )
     frontier._db.execute("PRAGMA user_version = 1")
     frontier.add("video", ["c", ("a", {"channel": 1}), "b"])
     frontier.done("video", "c")
@@ -29,7 +38,8 @@ def as_version_1(root):
 def test_an_older_state_is_migrated_after_a_backup(tmp_path):
     root = as_version_1(tmp_path)
     frontier = open_frontier(root)
-    assert frontier._db.execute("PRAGMA user_version").fetchone() == (2,)
+    assert frontier._db.execute("PRAGMA user_version").fetchone() == (3,)
+    assert frontier.requests() == (1, 5)
     assert "items_by_order" in plan_of(frontier, module.LAST, "video")
     assert [item.key for item in frontier.take("video", 9)] == ["a", "b"]
     # The backup is whole: also what was in the log only.
@@ -45,6 +55,7 @@ def test_an_older_state_is_migrated_after_a_backup(tmp_path):
     assert sorted(path.name for path in backup.parent.iterdir()) == [
         "youtube.sqlite",
         "youtube.sqlite.v1.bak",
+        "youtube.sqlite.v2.bak",
     ]
     before = backup.stat().st_mtime_ns
     open_frontier(root).close()

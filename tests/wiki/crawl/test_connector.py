@@ -250,8 +250,7 @@ def test_lost_images_and_captures_are_asked_for_again(whole, copied, damage):
     assert crawl(copied)["requests"] == 0
 
 
-def test_verify_finds_them_and_repair_has_them_again(whole, copied):
-    """The crawl asks the service, as its settings are there."""
+def test_verify_finds_them_and_a_crawl_after_repair_has_them_again(whole, copied, sandbox):
     root = copied.root
     wiki_tar.export(copied)
     assert verify(root, Progress()).entries == []
@@ -269,10 +268,13 @@ def test_verify_finds_them_and_repair_has_them_again(whole, copied):
         ("missing", pictures[2]),
         *(("damaged", path) for path in (shots[0], *pictures[:2], segment)),
     }
+    asked = len(sandbox.ledger)
     said = Recipe("verify").defined("repair")(copied)[1]
-    assert "`kb wiki crawl` was run" in said
-    assert verify(root, Progress()).entries == []
+    assert len(sandbox.ledger) == asked
+    assert "`kb wiki crawl` fetches 5 captured files again" in said
+    crawl(copied)
     assert tables(copied) == whole[2]
+    assert verify(root, Progress()).entries == []
 
 
 @pytest.mark.parametrize("damage", [changed, Path.unlink])
