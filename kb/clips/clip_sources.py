@@ -101,12 +101,13 @@ class Shards:
         report, path, place = self._places[row["pair_id"]]
         try:
             if report.options.format == "npz":
-                archive = self._folder / row["video_id"] / f"{row['pair_id']}.npz"
-                with np.load(archive) as arrays:
+                path = self._folder / row["video_id"] / f"{row['pair_id']}.npz"
+                with open_regular(path) as file, np.load(file) as arrays:
                     return np.moveaxis(arrays["video"], 1, -1), arrays["frame_times_s"]
             return _from_tar(path, place, report.options.frames)
         except (OSError, tarfile.TarError, ValueError, KeyError) as error:
-            raise NoClip(f"{path.name} can't be read: {error}") from None
+            why = getattr(error, "strerror", None) or error
+            raise NoClip(f"{path.name} can't be read: {why}") from None
 
 
 def _shape(options: CutOptions) -> str:

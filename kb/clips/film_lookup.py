@@ -38,7 +38,7 @@ _THREADS = 8  # that wait for disks
 class Found(NamedTuple):
     """`films`: the file of each video that has one; of `unknown` of them the video's length is not
     known, so that any length was taken. `refused`: why no file of a video was taken, by its id:
-    FILM_DIFFERS or UNDECODABLE, and a sentence.
+    one of the three reasons, and a sentence.
     """
 
     films: dict[str, Path]
@@ -116,6 +116,9 @@ def _choose(paths: list[Path], video_s: float | None) -> Path | tuple[str, str]:
         except UndecodableVideo as error:
             refused.setdefault(UNDECODABLE, str(error))
             continue
+        except FileNotFoundError:
+            refused.setdefault(MISSING, "the file is gone")
+            continue
         if video_s is None or abs(film_s - video_s) <= tolerance_s(video_s):
             return path
         lengths = f"the film lasts {film_s:.1f} s, the video {video_s:g} s"
@@ -126,7 +129,7 @@ def _choose(paths: list[Path], video_s: float | None) -> Path | tuple[str, str]:
 def film_length_s(path: Path) -> float:
     """From the start of a container to the end of its last picture or sound (s), whatever its
     header says: read from packets, of which nothing is decoded. Raises UndecodableVideo,
-    Interrupted.
+    FileNotFoundError, Interrupted.
     """
     import av  # noqa: PLC0415  belongs to the extra `clips`
 

@@ -32,10 +32,13 @@ class UndecodableVideo(Exception):
 
 def check_film(path: Path) -> os.stat_result:
     """What `os.stat` says of a file, before libav opens it, which would read a device as well, and
-    wait for a FIFO. Raises UndecodableVideo for what is no regular file, and where nothing is.
+    wait for a FIFO. Raises UndecodableVideo for what is no regular file or can't be read,
+    FileNotFoundError where nothing is.
     """
     try:
         return check_regular(path)
+    except FileNotFoundError:
+        raise
     except OSError as error:
         raise UndecodableVideo(str(error.strerror)) from None
 
@@ -49,7 +52,8 @@ def frames_at(
     """The frame shown at each time (s, ascending): uint8 [height, width, 3], RGB, upright.
 
     `size`: height and width. `fit`: stretch changes the ratio of the sides, crop cuts what is
-    beyond the middle, pad adds black. Ends early where the film does. Raises UndecodableVideo.
+    beyond the middle, pad adds black. Ends early where the film does. Raises UndecodableVideo,
+    FileNotFoundError.
     """
     import av  # noqa: PLC0415  belongs to the extra `clips`
 

@@ -1,10 +1,10 @@
-"""Walks the folders of a data root, through links to folders: the same on every Python.
+"""Walks the folders of a data root, or others that a user names, through links to folders.
 
 A full disk's usual remedy is to move a folder to another disk and to put a link in its place. So a
 link to a folder counts as that folder, at every depth. Two kinds of links do not: one that leads
 back into the data root, whose files would be there twice or without end, and one that leads
-nowhere, as a disk that is not mounted is no empty folder. This is for the user's own data root; of
-a download no link is followed.
+nowhere, as a disk that is not mounted is no empty folder. This is for the user's own folders; of a
+download no link is followed.
 """
 
 import os

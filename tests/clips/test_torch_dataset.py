@@ -2,6 +2,7 @@
 gives again, resumed exactly; decoded from films and read from shards.
 """
 
+import os
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -218,6 +219,17 @@ def test_pairs_without_a_clip_are_counted_or_warned_of(root: Path, films: Path) 
     with pytest.warns(UserWarning, match="has no clip: the film ends before the clip") as warned:
         list(dataset)
     assert len(warned) == 2
+
+
+def test_a_clip_in_a_fifo_is_warned_of(root: Path, films: Path, tmp_path: Path) -> None:
+    options = CutOptions(**SMALL, format="npz")
+    build.build(replace(a_run(root), workers=1), [films], tmp_path, options, build.Chosen())
+    path = min(tmp_path.rglob("*.npz"))
+    path.unlink()
+    os.mkfifo(path)
+    dataset = kb.load(root).clips().torch(shards=tmp_path, **SMALL)
+    with pytest.warns(UserWarning, match=f"{path.name} can't be read: it is a FIFO, not a file"):
+        assert path.stem not in _keys(dataset)
 
 
 def test_a_film_of_another_length_is_counted_and_warned_of(root: Path, films: Path) -> None:

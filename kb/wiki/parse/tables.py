@@ -14,6 +14,7 @@ import zstandard
 from kb.core.regular_file import read_regular
 from kb.schema.tables import table
 from kb.schema.wiki_page import is_outermost
+from kb.store.damage import unreadable
 from kb.store.layout import BELOW, Layout, parquet_files
 from kb.store.rawlog import sidefiles
 from kb.store.tables import parquet
@@ -41,7 +42,7 @@ def read_extraction(root: Path, folder: Path) -> dict[str, Any]:
         content: dict[str, Any] = msgspec.json.decode(text)
     except (OSError, zstandard.ZstdError, msgspec.DecodeError) as error:
         damage = sidefiles.lost(root, "wiki", [path])
-        damage.args = (f"{path} can't be read: {error}",)
+        damage.args = unreadable(path, error).args
         raise damage from None
     return content
 
