@@ -59,12 +59,12 @@ def kind_of(source: str, path: Path) -> RawKind:
             return RawKind.TOMBSTONES
         is_mark = path.match(BELOW.key_mark(source, "*").name)
         return RawKind.KEY_MARK if is_mark else RawKind.FOREIGN
+    if len(folders) == 1 and name.endswith((rawlog.SUFFIX, rawlog.OPEN)):
+        return RawKind.SEGMENT  # of the wiki's kind `pages` too, beside the captures
+    if len(folders) == 1 and f"{rawlog.SUFFIX}.damaged-" in name:
+        return RawKind.SET_ASIDE
     if folders[0] in SOURCES[source].files:
         if name.endswith(sidefiles.QUARANTINE_SUFFIX):
             return RawKind.SET_ASIDE
         return RawKind.CAPTURED if sidefiles.is_captured_name(name) else RawKind.FOREIGN
-    if len(folders) == 1 and name.endswith((rawlog.SUFFIX, rawlog.OPEN)):
-        return RawKind.SEGMENT
-    if len(folders) == 1 and f"{rawlog.SUFFIX}.damaged-" in name:
-        return RawKind.SET_ASIDE
     return RawKind.FOREIGN
