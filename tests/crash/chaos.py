@@ -35,7 +35,7 @@ import zstandard
 
 from kb.core.errors import FatalError, KbError
 from kb.core.progress import Progress
-from kb.sandbox.zenodo import Deposition
+from tests.services.zenodo import Deposition
 from kb.store import leftovers
 from kb.verify.root import verify
 from tests.crash import damaged, harm, worlds

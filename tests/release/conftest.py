@@ -12,7 +12,7 @@ from kb.core.context import Run
 from kb.core.sources import BY_DEFAULT
 from kb.release.build import release
 from kb.release.publish.publish import publish
-from kb.sandbox.zenodo import TOKEN
+from tests.services.zenodo import TOKEN
 from kb.schema import tables
 from tests.faults import Sandbox
 from tests.once import once

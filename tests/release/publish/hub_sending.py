@@ -1,4 +1,6 @@
-"""Publishes a release to the sandbox's hub with the real client in a process of its own."""
+"""Publishes a release to the simulated hub of tests/services with the real client in a process of
+its own.
+"""
 
 import hashlib
 import json
@@ -7,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from kb.sandbox.hub.repository import Repository
-from kb.sandbox.hub.service import HubService
+from tests.services.hub.repository import Repository
+from tests.services.hub.service import HubService
 from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.faults import Sandbox

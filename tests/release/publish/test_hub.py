@@ -6,7 +6,7 @@ import pytest
 
 from kb.core.errors import SettingError
 from kb.release.publish.hub import check_name
-from kb.sandbox.hub.service import READER, STRANGER, TOKEN
+from tests.services.hub.service import READER, STRANGER, TOKEN
 from tests.faults import Sandbox
 from tests.release.publish.hub_sending import REPO, held, kb, publish, summary
 

@@ -14,7 +14,7 @@ from kb.core.errors import (
     ReleaseRefused,
 )
 from kb.release.build import release
-from kb.sandbox.zenodo import TOKEN
+from tests.services.zenodo import TOKEN
 from tests.faults import Sandbox
 from tests.release.conftest import a_run
 from tests.release.publish.sending import send, store

@@ -13,8 +13,8 @@ import pytest
 
 from kb.release.build import release
 from kb.release.publish.repository import joined
-from kb.sandbox.hub.repository import git_blob
-from kb.sandbox.hub.service import STRANGER, TOKEN
+from tests.services.hub.repository import git_blob
+from tests.services.hub.service import STRANGER, TOKEN
 from kb.store.state import tombstones
 from tests import processes
 from tests.faults import Sandbox

@@ -17,7 +17,7 @@ from kb.core.errors import (
 )
 from kb.release.build import release
 from kb.release.publish.publish import plan, publish
-from kb.sandbox.zenodo import TOKEN
+from tests.services.zenodo import TOKEN
 from tests import processes
 from tests.conftest import ROOT
 from tests.faults import Sandbox

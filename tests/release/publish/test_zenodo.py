@@ -18,7 +18,7 @@ from kb.core.errors import (
     Unreachable,
     UsageError,
 )
-from kb.sandbox.zenodo import TOKEN
+from tests.services.zenodo import TOKEN
 from tests.faults import Sandbox
 from tests.inprocess import Here
 from tests.release.publish.sending import send

@@ -21,7 +21,7 @@ from werkzeug.exceptions import HTTPException
 from werkzeug.routing import Map, Rule
 from werkzeug.wrappers import Request, Response
 
-from kb.sandbox.hub.repository import (
+from tests.services.hub.repository import (
     MAIN,
     NAME,
     STAMP,
