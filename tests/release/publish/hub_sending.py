@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.services.hub.repository import Repository
-from tests.services.hub.service import HubService
 from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.faults import Sandbox
 from tests.inprocess import Done
 from tests.release.signed import signed
+from tests.services.hub.repository import Repository
+from tests.services.hub.service import HubService
 
 REPO = "sandbox-lab/minecraft"
 NOW = {"KB_NOW": "2026-11-10T00:00:00Z"}

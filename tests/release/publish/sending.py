@@ -5,9 +5,9 @@ from typing import Any
 
 from kb.core.summary import Summary
 from kb.release.publish.publish import publish
-from tests.services.zenodo import TOKEN, Deposits
 from tests.faults import Sandbox
 from tests.release.conftest import a_run
+from tests.services.zenodo import TOKEN, Deposits
 
 
 def store(service: Sandbox) -> Deposits:
