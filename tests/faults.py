@@ -1,5 +1,8 @@
 """The sandbox with planned faults, and the ledger of the requests that its services received.
 
+Beside the sandbox's three sources it can serve what a release is published to, if a test names it:
+"zenodo" and "hub".
+
 with Sandbox(World()) as sandbox:
     sandbox.faults.add("/youtube/v3/videos", status=503, times=2)  # the next two
     sandbox.faults.add("/youtube/v3/videos", after=3, reset=True)  # the fourth: connection reset
@@ -20,6 +23,8 @@ from urllib.parse import parse_qsl, urlencode
 from kb.core import clock
 from kb.sandbox import server
 from kb.sandbox.server import Wsgi
+from tests.services import zenodo
+from tests.services.hub import service as hub
 
 _SECRET = {"key", "access_token", "client_secret", "password", "refresh_token", "code"}
 
@@ -244,6 +249,8 @@ def _cut(
 
 class Sandbox(server.Sandbox):
     """The services behind one fault plan, with every request in the ledger."""
+
+    known = server.SERVICES | {"zenodo": zenodo, "hub": hub}
 
     def __init__(self, *args: Any, **options: Any) -> None:
         self.faults = Faults()

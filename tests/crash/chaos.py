@@ -35,12 +35,12 @@ import zstandard
 
 from kb.core.errors import FatalError, KbError
 from kb.core.progress import Progress
-from kb.sandbox.zenodo import Deposition
 from kb.store import leftovers
 from kb.verify.root import verify
 from tests.crash import damaged, harm, worlds
 from tests.crash.worlds import Case, Worlds
 from tests.filters.made import digests
+from tests.services.zenodo import Deposition
 from tests.store import flips
 
 # How many answers it took, which a killed refresh asks for twice; how many requests and writes.

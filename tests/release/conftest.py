@@ -12,12 +12,12 @@ from kb.core.context import Run
 from kb.core.sources import BY_DEFAULT
 from kb.release.build import release
 from kb.release.publish.publish import publish
-from kb.sandbox.zenodo import TOKEN
 from kb.schema import tables
 from tests.faults import Sandbox
 from tests.once import once
 from tests.release.made import build, rows
 from tests.release.signed import signed
+from tests.services.zenodo import TOKEN
 
 SOURCES = BY_DEFAULT
 TABLES = [

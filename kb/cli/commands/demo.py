@@ -229,9 +229,10 @@ def _say(options: Options, text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
 
-sandbox_app = group(
-    "Serve invented YouTube, wiki, Reddit, Zenodo and Hugging Face hub on this machine."
-)
+sandbox_app = group("Serve invented YouTube, wiki and Reddit on this machine.")
+
+# An invented release must reach no real service; an empty token wins over one of `.env`.
+_NO_TOKENS = {"ZENODO_TOKEN": "", "HF_TOKEN": ""}
 
 
 @command(
@@ -294,11 +295,12 @@ def sandbox(
         typer.Option("--model/--no-model", help="Make the tiny toxicity model unless it exists."),
     ] = True,
 ) -> None:
-    """Serve YouTube, wiki, Reddit, Zenodo and hub of a small invented world on loopback.
+    """Serve YouTube, wiki and Reddit of a small invented world on loopback.
 
     The world is made from the profile: its keywords, labels, categories, subreddit and thresholds.
     Without COMMAND, prints the settings as NAME=value lines, closes stdout, and serves until
-    SIGTERM.
+    SIGTERM. COMMAND gets neither ZENODO_TOKEN nor HF_TOKEN, so that it can't publish what is
+    invented.
     """
     from kb.sandbox.server import Sandbox
     from kb.sandbox.wiki.generated import PAGES
@@ -326,7 +328,7 @@ def sandbox(
         if env is not None:  # for readers of `.env` and for `set -a; . FILE`
             _write(env, "".join(f"{k}={shlex.quote(v)}\n" for k, v in settings.items()))
         if run:
-            raise typer.Exit(_run(run, settings))
+            raise typer.Exit(_run(run, settings | _NO_TOKENS))
         if env is None:
             print("\n".join(f"{name}={value}" for name, value in settings.items()), flush=True)
         _close_stdout()

@@ -132,14 +132,16 @@ def test_it_prints_settings_closes_stdout_and_serves_until_sigterm() -> None:
     assert child.stdout
     assert child.stderr
     values = settings(child.stdout.read())  # returns because stdout is closed
-    assert {
+    assert set(values) == {
         "YOUTUBE_API_KEY",
+        "REDDIT_CLIENT_ID",
+        "REDDIT_CLIENT_SECRET",
         "KB_CONTACT",
         "KB_YOUTUBE_ENDPOINT",
         "KB_YOUTUBE_WEB",
+        "KB_REDDIT_ENDPOINT",
         "KB_WIKI_URL",
-        "KB_ZENODO_ENDPOINT",
-    } <= set(values)
+    }
     assert requests.get(values["KB_YOUTUBE_WEB"] + "/watch?v=x", timeout=10).status_code == 200
     child.send_signal(signal.SIGTERM)
     assert child.wait(30) == 0
@@ -158,6 +160,20 @@ def test_a_command_gets_the_settings_and_its_exit_code_is_ours() -> None:
     assert killed.returncode == 128 + signal.SIGKILL
     absent = sandbox("--", "no-such-command")
     assert (absent.returncode, absent.stderr) == (2, "kb: no-such-command: no such command\n")
+
+
+def test_a_command_can_not_publish_what_is_invented(tmp_path: Path) -> None:
+    """To no real service: its token stays outside, one of `.env` too."""
+    (tmp_path / ".env").write_text("ZENODO_TOKEN=that-of-a-person\nHF_TOKEN=hf_that_of_a_person\n")
+    look = (
+        "from kb.core.config.settings import load_settings as load; settings = load();"
+        "print([settings.zenodo_token.get_secret_value(), settings.hf_token.get_secret_value()])"
+    )
+    own = {"ZENODO_TOKEN": "that-of-a-person", "HF_TOKEN": "hf_that_of_a_person"}
+    words = ["sandbox", "--no-model", "--", sys.executable, "-c", look]
+    for env in (os.environ, os.environ | own):
+        done = processes.run(words, env=env, cwd=tmp_path, timeout=60)
+        assert done.stdout == "['', '']\n", done.stderr
 
 
 def test_it_is_this_kb_that_a_command_calls() -> None:

@@ -1,4 +1,6 @@
-"""Publishes a release to the sandbox's hub with the real client in a process of its own."""
+"""Publishes a release to the simulated hub of tests/services with the real client in a process of
+its own.
+"""
 
 import hashlib
 import json
@@ -7,13 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from kb.sandbox.hub.repository import Repository
-from kb.sandbox.hub.service import HubService
 from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.faults import Sandbox
 from tests.inprocess import Done
 from tests.release.signed import signed
+from tests.services.hub.repository import Repository
+from tests.services.hub.service import HubService
 
 REPO = "sandbox-lab/minecraft"
 NOW = {"KB_NOW": "2026-11-10T00:00:00Z"}

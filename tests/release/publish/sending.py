@@ -1,13 +1,13 @@
-"""Publishes the pairs of a release to the sandbox's deposit service."""
+"""Publishes the pairs of a release to the simulated Zenodo of tests/services."""
 
 from pathlib import Path
 from typing import Any
 
 from kb.core.summary import Summary
 from kb.release.publish.publish import publish
-from kb.sandbox.zenodo import TOKEN, Deposits
 from tests.faults import Sandbox
 from tests.release.conftest import a_run
+from tests.services.zenodo import TOKEN, Deposits
 
 
 def store(service: Sandbox) -> Deposits:

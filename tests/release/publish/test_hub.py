@@ -6,9 +6,9 @@ import pytest
 
 from kb.core.errors import SettingError
 from kb.release.publish.hub import check_name
-from kb.sandbox.hub.service import READER, STRANGER, TOKEN
 from tests.faults import Sandbox
 from tests.release.publish.hub_sending import REPO, held, kb, publish, summary
+from tests.services.hub.service import READER, STRANGER, TOKEN
 
 PAIRS = ("--repo", REPO, "--only", "pairs")
 

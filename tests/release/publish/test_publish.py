@@ -14,10 +14,10 @@ from kb.core.errors import (
     ReleaseRefused,
 )
 from kb.release.build import release
-from kb.sandbox.zenodo import TOKEN
 from tests.faults import Sandbox
 from tests.release.conftest import a_run
 from tests.release.publish.sending import send, store
+from tests.services.zenodo import TOKEN
 
 
 def test_a_draft_for_each_folder_with_every_file(root: Path, service: Sandbox) -> None:

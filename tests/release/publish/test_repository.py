@@ -13,8 +13,6 @@ import pytest
 
 from kb.release.build import release
 from kb.release.publish.repository import joined
-from kb.sandbox.hub.repository import git_blob
-from kb.sandbox.hub.service import STRANGER, TOKEN
 from kb.store.state import tombstones
 from tests import processes
 from tests.faults import Sandbox
@@ -35,6 +33,8 @@ from tests.release.publish.hub_sending import (
     stored,
     summary,
 )
+from tests.services.hub.repository import git_blob
+from tests.services.hub.service import STRANGER, TOKEN
 
 TO = ("release", "publish", "--to", "huggingface")
 

@@ -17,7 +17,6 @@ from kb.core.errors import (
 )
 from kb.release.build import release
 from kb.release.publish.publish import plan, publish
-from kb.sandbox.zenodo import TOKEN
 from tests import processes
 from tests.conftest import ROOT
 from tests.faults import Sandbox
@@ -25,6 +24,7 @@ from tests.release.conftest import a_run
 from tests.release.made import build
 from tests.release.publish.sending import puts, send, store
 from tests.release.signed import LINES, signed
+from tests.services.zenodo import TOKEN
 
 
 def test_a_plan_counts_what_is_not_uploaded_yet_and_sends_nothing(

@@ -18,11 +18,11 @@ from kb.core.errors import (
     Unreachable,
     UsageError,
 )
-from kb.sandbox.zenodo import TOKEN
 from tests.faults import Sandbox
 from tests.inprocess import Here
 from tests.release.publish.sending import send
 from tests.release.signed import signed
+from tests.services.zenodo import TOKEN
 
 
 def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox) -> None:

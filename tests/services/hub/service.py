@@ -21,7 +21,8 @@ from werkzeug.exceptions import HTTPException
 from werkzeug.routing import Map, Rule
 from werkzeug.wrappers import Request, Response
 
-from kb.sandbox.hub.repository import (
+from kb.sandbox.world import World
+from tests.services.hub.repository import (
     MAIN,
     NAME,
     STAMP,
@@ -41,7 +42,6 @@ from kb.sandbox.hub.repository import (
     refs,
     tree,
 )
-from kb.sandbox.world import World
 
 TOKEN, READER, STRANGER = "hf_sandboxwrite0001", "hf_sandboxread00001", "hf_sandboxother0001"
 ORGANISATION = "sandbox-lab"

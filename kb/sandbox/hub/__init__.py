@@ -1,1 +1,0 @@
-"""A hub of data sets, as the Hugging Face hub answers its own client."""
