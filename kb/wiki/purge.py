@@ -65,6 +65,7 @@ def names(purge: Purge) -> Names:
     root, frontier, keys = purge.root, purge.frontier, purge.keys
     titles = {page.title for key, _, _, page in frontier.items("pages") if key in keys}
     titles |= {key for key in keys if not key.isdigit()}
+    titles |= {title[:1].lower() + title[1:] for title in titles}  # as a list may spell them
     shown: dict[bool, dict[str, str | None]] = {True: {}, False: {}}
     paths: dict[bool, set[str]] = {True: set(), False: set()}
     for envelope in rawlog.read(root, "wiki", "renders"):
