@@ -304,24 +304,14 @@ def test_a_stop_waits_for_a_chunk_of_seconds_not_for_one_of_minutes(checkpoint, 
         signals.stop.clear()
 
 
-SAID = [
-    MemoryError(),
-    RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried to …"),
-    RuntimeError("std::bad_alloc"),
-]
-
-
-@pytest.mark.parametrize("error", SAID, ids=["Python", "torch", "ONNX Runtime"])
-def test_too_little_memory_is_no_wrong_model(
-    checkpoint, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
+def test_too_little_memory_is_no_wrong_model(checkpoint, monkeypatch: pytest.MonkeyPatch) -> None:
     def read(*arguments: object) -> None:
-        raise error
+        raise MemoryError
 
     job = toxicity.ScoringJob(checkpoint, "bf16", "cpu", 1, None)
     monkeypatch.setattr(detoxify_model, "_read", read)
     toxicity._runner.cache_clear()
-    with pytest.raises(type(error)) as told:
+    with pytest.raises(MemoryError) as told:
         toxicity.score_chunk(job, ["a text"])
     assert describe(told.value) == ("out of memory", "try fewer --workers", 1)
     monkeypatch.setattr(detoxify_model, "_read", lambda *arguments: {})

@@ -161,18 +161,6 @@ def test_a_purge_leaves_nothing_of_what_a_killed_command_wrote(
         assert chaos.leaked(trial.root, purge.gone) == []
 
 
-def test_what_pairs_had_not_cleared_when_killed_goes_with_the_next_run(
-    made: Worlds, tmp_path: Path
-) -> None:
-    trial = trial_of(made, "pairs", tmp_path)
-    trial.fresh("clean")
-    assert trial.again() == []
-    left = trial.root / "state" / "pairs" / "0123"
-    left.mkdir(parents=True)
-    assert trial.again() == []
-    assert not left.exists()
-
-
 def test_no_command_of_the_harness_is_missing_here(made: Worlds) -> None:
     assert {case.name for case in made.cases} <= {*NAMES, *LONGER}
 
