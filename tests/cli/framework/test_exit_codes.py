@@ -189,7 +189,7 @@ def test_an_option_of_a_sibling_is_looked_for_there_first(kb: Any) -> None:
     answer = kb("youtube", "export", "--limit", "3", "--wait", "--again")
     assert answer.returncode == 2
     assert "`kb youtube export` has no --limit" in answer.stderr
-    assert "of `kb youtube crawl`, `kb youtube check`, `kb youtube import` and" in answer.stderr
+    assert "of `kb youtube crawl`, `kb youtube import` and" in answer.stderr
     answer = kb("youtube", "crawl", "--titles", "x")
     assert "`kb youtube crawl` has no --titles; it is an option of `kb wiki crawl`" in answer.stderr
 
