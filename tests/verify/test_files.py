@@ -40,7 +40,6 @@ def test_what_no_command_has_written_is_foreign(root: Path, name: str, kind: str
     [
         ("export/minedojo/youtube_full.json", "kb youtube export --format minedojo"),
         ("export/minedojo/wiki_full/Cave/0/data.json", "kb wiki export --format minedojo"),
-        ("export/text/reddit.jsonl", "kb reddit export --format text"),
         ("export/video2dataset/clips.parquet", "kb pairs --format video2dataset"),
         ("export/reconstructed/posts/part-00000.parquet", "kb reddit reconstruct"),
         ("report/index.html", "kb report"),

@@ -130,7 +130,6 @@ WORDS: dict[str, Word] = {
     "reddit crawl.outside": Word(
         "Posts outside of --since and --until, left for another crawl.", "{n} outside of the dates"
     ),
-    "placeholders": Word("Comments that stand for a missing parent.", "{n} placeholders"),
     "pairs": Word("Pairs of a clip and its text.", "{n} pairs"),
     "tasks": Word("Prompts mined from titles.", "{n} tasks"),
     "open_text": Word("Transcripts released as open text.", "{n} open transcripts"),
