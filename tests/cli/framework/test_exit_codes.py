@@ -115,7 +115,7 @@ def test_a_message_of_several_lines_becomes_one(end: Any) -> None:
         (["youtube", "crwal"], ["`kb youtube crwal`", "`kb youtube crawl`", "kb youtube --help"]),
         (
             ["youtube"],
-            ["Missing command: one of crawl, check, import, filter, export", "kb youtube --help"],
+            ["Missing command: one of crawl, import, filter, export", "kb youtube --help"],
         ),
         (["youtube", "crawl", "--limt", "3"], ["--limt", "--limit", "kb youtube crawl --help"]),
         (["youtube", "crawl", "--limit", "0"], ["--limit", "1"]),
