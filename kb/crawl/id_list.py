@@ -136,15 +136,15 @@ class IdRules:
             raise SettingError(what, hint=self.hint)
         return listed
 
-    def entries(self, path: Path, more: Sequence[str] = ()) -> Iterator[ListedId]:
-        """The entries of a list one by one. `more` are columns of Parquet that records are to hold.
+    def entries(self, path: Path) -> Iterator[ListedId]:
+        """The entries of a list one by one.
 
         Raises SettingError when the list can't be read or is of another form.
         """
         with readable(path, self.option):
             for file in files_of(path, self):
                 if is_parquet(file):
-                    yield from _of_parquet(file, self, more)
+                    yield from _of_parquet(file, self)
                 elif path.is_dir():
                     yield from _of_record(_metadata(file), self)
                 else:
@@ -278,15 +278,14 @@ def _metadata(path: Path) -> Any:
     return msgspec.json.decode(read_regular(path), type=_Described).metadata
 
 
-def _of_parquet(path: Path, rules: IdRules, more: Sequence[str]) -> Iterator[ListedId]:
+def _of_parquet(path: Path, rules: IdRules) -> Iterator[ListedId]:
     names = pq.read_schema(path).names
     with parquet.open_file(path) as file:
         first = next(file.iter_batches(batch_size=_SAMPLE), None)
         column = rules.column_of(names, first.to_pylist() if first is not None else [])
         if column is None:
             raise _no_column(path, rules.option, rules.columns, names)
-        wanted = [column.name, *(name for name in more if name in names and name != column.name)]
-        for batch in file.iter_batches(columns=wanted):
+        for batch in file.iter_batches(columns=[column.name]):
             for row in batch.to_pylist():
                 yield ListedId(row[column.name], column.known_as, row)
 

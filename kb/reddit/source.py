@@ -58,7 +58,7 @@ class Reddit(Source):
         "requests_per_minute",
         "max_tries",
     )
-    exports = ("minedojo/reddit.json", "convokit", "text/reddit.jsonl")
+    exports = ("minedojo/reddit.json", "text/reddit.jsonl")
     textual = ("posts", "comments")
     main = "posts"
     query = (
@@ -169,11 +169,10 @@ class Reddit(Source):
         return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
-        from kb.export import convokit, minedojo, text
+        from kb.export import minedojo, text
 
         return {
             "minedojo": minedojo.reddit,
-            "convokit": convokit.export,
             "text": partial(text.export, source=self.name),
         }
 

@@ -42,7 +42,6 @@ SETTINGS = {
 OPTIONS = [  # PATH is the file; in "IN" it lies in a folder that is given
     (2, "youtube crawl --ids PATH", "list.txt"),
     (2, "wiki crawl --titles IN", "Creeper/data.json"),
-    (2, "youtube check --ids PATH", "list.txt"),
     (2, "wiki crawl --titles PATH", "list.txt"),
     (2, "purge youtube --ids PATH", "list.txt"),
     (2, "purge reddit --authors PATH", "list.txt"),

@@ -22,7 +22,7 @@ needs("torch")
 
 STEPS = (
     *("youtube export", "youtube export --format text", "youtube export --format minedojo"),
-    *("reddit export", "reddit export --format convokit", "reddit export --format minedojo"),
+    *("reddit export", "reddit export --format text", "reddit export --format minedojo"),
     *("pairs", "pairs --format video2dataset", "pairs --format minedojo"),
     *("tasks", "tasks --format minedojo", "links", "index", "report", "search hello"),
     *("label export pairs --out pairs", "label export tasks --out tasks", "pairs measure --plan"),

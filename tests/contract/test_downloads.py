@@ -24,7 +24,6 @@ from tests.release.conftest import (
 COMMANDS = dict(leaves())
 # What a command needs to be complete; files are those of the folder `files`.
 WORDS = {
-    "youtube check": "--ids {files}/ids.txt",
     "youtube import": "{files}",
     "reddit import": "{files}/dump.ndjson",
     "restore": "{above} --plan",
@@ -64,7 +63,7 @@ READING = {
 WITHOUT_DATA = {"doctor", "models fetch", "profile new", "sandbox"}
 MAKING = {
     *("demo", "merge", "reddit crawl", "reddit import", "reddit reconstruct", "restore"),
-    *("wiki crawl", "youtube check", "youtube crawl", "youtube import"),
+    *("wiki crawl", "youtube crawl", "youtube import"),
 }
 WRITING = [name for name in COMMANDS if name not in {*READING, *WITHOUT_DATA, *MAKING}]
 SERVING = ("explore", "mcp")  # until they are asked to end

@@ -36,7 +36,7 @@ NAMES = [
     *("reddit import", "refresh youtube", "refresh reddit", "reddit reconstruct"),
     *("pairs", "pairs --again", "links", "links --again", "release", "report", "restore"),
     *("verify --repair", "index --again", "release publish --publish"),
-    *("reddit export --format=convokit", "youtube filter --workers=2"),
+    *("reddit export --format=text", "youtube filter --workers=2"),
     "reddit import --workers=2",
     "build youtube reddit pairs tasks links release",
     "profile new ferns",

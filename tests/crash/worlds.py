@@ -120,7 +120,7 @@ class Worlds:
         self._done("restore", str(self.place / "released"), root)
         self._done("reddit", "reconstruct", root)
         self._done("youtube", "export", "--format=minedojo", root)
-        self._done("reddit", "export", "--format=convokit", root)
+        self._done("reddit", "export", "--format=text", root)
         self._done("pairs", "--format=video2dataset", root)
 
     def _purged(self) -> None:
@@ -181,7 +181,7 @@ class Worlds:
         yield Case(("reddit", "reconstruct"), ("made",), ("export/reconstructed",))
         for words in (
             ("youtube", "export", "--format=minedojo"),
-            ("reddit", "export", "--format=convokit"),
+            ("reddit", "export", "--format=text"),
             ("pairs", "--format=video2dataset"),
         ):
             yield Case(words, ("made",), ("export",))

@@ -46,7 +46,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Work]:
         done.crawled = done.crawl()
         done.asked = sandbox.ledger.requests()
         done.filtered = done.filter()
-        for layout in ("parquet", "minedojo", "convokit"):
+        for layout in ("parquet", "minedojo"):
             done.export(layout)
         yield done
 

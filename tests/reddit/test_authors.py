@@ -100,7 +100,7 @@ def traces(work: Work, *needles: str) -> list[str]:
 def test_a_person_leaves_every_file(theirs: tuple[Work, list[str]]) -> None:
     work, own = theirs
     job, person = work.job(), hash_of(work)
-    exports = ("reddit export", "reddit export --format convokit")
+    exports = ("reddit export", "reddit export --format text")
     for words in ("reddit filter", *exports, "links", "release"):
         job.done(*words.split())
     job.done("reddit", "reconstruct", "--out", str(Layout(work.root).reconstructed))

@@ -39,7 +39,7 @@ def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.Mon
     monkeypatch.setenv("KB_NOW", "2026-12-25T12:00:00Z")
     tiny.refresh()
     tiny.filter()
-    for layout in ("parquet", "minedojo", "convokit"):
+    for layout in ("parquet", "minedojo", "text"):
         tiny.export(layout)
     tiny.rebuild(out=tiny.root / "export" / "reconstructed")
     everywhere = " ".join(texts(tiny.root).values())
@@ -180,7 +180,7 @@ def test_a_crosspost_shows_nothing_of_a_purged_parent(tiny: Work, known_from: st
     tiny.rebuild(whole, tiny.root / "export" / "reconstructed")
     if known_from == "raw":
         tiny.filter()
-        tiny.export("convokit")
+        tiny.export("text")
     else:  # the user has no raw answers of his own
         shutil.rmtree(tiny.root / "raw" / "reddit")
         (tiny.root / "state" / "reddit.sqlite").unlink()

@@ -47,7 +47,7 @@ def test_a_table_belongs_to_an_artifact(table: str, name: str) -> None:
         ("pairs/pairs-00000-of-00001.parquet", "run `kb pairs --again`"),
         ("release/pairs/pairs-00000-of-00001.parquet", "run `kb pairs --again`"),
         ("release/wiki/pages-00000-of-00001.parquet", "run `kb wiki export` again"),
-        ("export/convokit/corpus.json", "run `kb reddit export --format convokit` again"),
+        ("export/text/reddit.jsonl", "run `kb reddit export --format text` again"),
         (
             "annotations/reddit/toxicity.parquet",
             "remove it, then run `kb reddit filter`, which scores its texts again",

@@ -102,48 +102,6 @@ def youtube_crawl(
 
 @command(
     youtube_app,
-    uses=("wait",),
-    limit="Stop after N more videos (exit code 3); the next run resumes.",
-    again="Check every video of the list again instead of showing the last result.",
-    json="there, changed, gone, by_year, requests, units",
-    planned=("ids",),
-    data="makes",
-    examples=[
-        "kb youtube check --ids youtube_full.json --plan   what it costs in units and days",
-        "kb youtube check --ids release/youtube            available, changed and gone",
-    ],
-)
-def check(
-    run: Run,
-    ids: Annotated[
-        Path,
-        typer.Option(
-            "--ids",
-            metavar="FILE|FOLDER",
-            help="A published list: lines, yt-dlp's download archive, CSV, JSON (MineDojo's videos"
-            " or pairs, CLIP4MC's), a released Parquet file or the folder of a release.",
-        ),
-    ],
-    plan: Plan = False,
-) -> Summary:
-    """Count how many videos of a published list are available, changed or gone, by year.
-
-    Needs YOUTUBE_API_KEY: one unit for 50 videos. A video counts as changed if its title or
-    duration differs from the list's. Only counts are kept. Stops with exit code 3 when the quota is
-    spent; the same command resumes.
-    """
-    from kb.youtube.crawl import video_list_check as room
-
-    if plan:
-        return room.plan(run, ids)
-    summary = room.check(run, ids)
-    for line in room.lines(summary):
-        typer.echo(line)
-    return summary
-
-
-@command(
-    youtube_app,
     name="import",
     limit="Stop after N more files (exit code 3); the next run resumes.",
     json="crawled, subtitles, playlists, own_transcripts, unknown_videos, files, known_files,"

@@ -119,10 +119,6 @@ WORDS: dict[str, Word] = {
     "images_failed": Word("Image files that could not be fetched.", "{n} image files not fetched"),
     "robots": Word("Pages that robots.txt disallows.", "{n} barred by robots.txt"),
     "gone": Word("Pages that were deleted from the wiki.", "{n} gone from the wiki"),
-    "there": Word("Videos that match the list.", "{n} there", always=True),
-    "changed": Word("Videos whose title or duration differs.", "{n} changed", always=True),
-    "youtube check.gone": Word("Videos that are no longer available.", "{n} gone", always=True),
-    "by_year": Word("The same by year of publication."),
     "posts": Word("Posts.", "{n} posts"),
     "reddit crawl.posts": Word("Posts known so far.", "{n} posts known"),
     "comments": Word("Comments.", "{n} comments"),
@@ -134,7 +130,6 @@ WORDS: dict[str, Word] = {
     "reddit crawl.outside": Word(
         "Posts outside of --since and --until, left for another crawl.", "{n} outside of the dates"
     ),
-    "placeholders": Word("Comments that stand for a missing parent.", "{n} placeholders"),
     "pairs": Word("Pairs of a clip and its text.", "{n} pairs"),
     "tasks": Word("Prompts mined from titles.", "{n} tasks"),
     "open_text": Word("Transcripts released as open text.", "{n} open transcripts"),

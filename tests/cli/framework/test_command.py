@@ -49,7 +49,6 @@ SOURCES = ("youtube", "wiki", "reddit")
 # What has an effect on each command, besides the common options; all else is refused.
 APPLIES = {
     "youtube crawl": {"workers", "limit", "wait", "again"},
-    "youtube check": {"limit", "wait", "again"},
     "youtube import": {"limit"},
     "wiki crawl": {"workers", "limit", "wait", "again"},
     "reddit crawl": {"limit", "wait", "again"},

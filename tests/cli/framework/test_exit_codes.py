@@ -115,7 +115,7 @@ def test_a_message_of_several_lines_becomes_one(end: Any) -> None:
         (["youtube", "crwal"], ["`kb youtube crwal`", "`kb youtube crawl`", "kb youtube --help"]),
         (
             ["youtube"],
-            ["Missing command: one of crawl, check, import, filter, export", "kb youtube --help"],
+            ["Missing command: one of crawl, import, filter, export", "kb youtube --help"],
         ),
         (["youtube", "crawl", "--limt", "3"], ["--limt", "--limit", "kb youtube crawl --help"]),
         (["youtube", "crawl", "--limit", "0"], ["--limit", "1"]),
@@ -189,7 +189,7 @@ def test_an_option_of_a_sibling_is_looked_for_there_first(kb: Any) -> None:
     answer = kb("youtube", "export", "--limit", "3", "--wait", "--again")
     assert answer.returncode == 2
     assert "`kb youtube export` has no --limit" in answer.stderr
-    assert "of `kb youtube crawl`, `kb youtube check`, `kb youtube import` and" in answer.stderr
+    assert "of `kb youtube crawl`, `kb youtube import` and" in answer.stderr
     answer = kb("youtube", "crawl", "--titles", "x")
     assert "`kb youtube crawl` has no --titles; it is an option of `kb wiki crawl`" in answer.stderr
 

@@ -255,62 +255,6 @@ def test_mine_dojos_list_is_the_published_form(whole: Work) -> None:
     assert {"poll", "gallery"} <= {row["type"] for row in posts}
 
 
-def test_convokits_corpus_hangs_together(whole: Work) -> None:
-    corpus = whole.root / "export" / "convokit"
-    assert {path.name for path in corpus.iterdir()} == {
-        "utterances.jsonl",
-        "speakers.json",
-        "conversations.json",
-        "corpus.json",
-        "index.json",
-    }
-    utterances = {
-        row["id"]: row
-        for row in map(
-            json.loads, (corpus / "utterances.jsonl").read_text(encoding="utf-8").splitlines()
-        )
-    }
-    speakers, conversations = (
-        json.loads((corpus / "speakers.json").read_text()),
-        json.loads((corpus / "conversations.json").read_text()),
-    )
-    posts, comments = (
-        whole.table("clean", "reddit", "posts"),
-        whole.table("clean", "reddit", "comments"),
-    )
-    stand_ins = {key for key, row in utterances.items() if row["meta"]["placeholder"]}
-    assert stand_ins == {row["parent_id"][3:] for row in comments if row["depth"]} - {
-        row["comment_id"] for row in comments
-    }
-    assert stand_ins, "nothing was filtered out of the middle of a tree"
-    assert all(
-        utterances[key]["text"] == ""
-        and utterances[key]["reply-to"] == utterances[key]["conversation_id"]
-        for key in stand_ins
-    )
-    assert all(row["reply-to"] in utterances for row in utterances.values() if row["reply-to"]), (
-        "ConvoKit walks no tree with a hole"
-    )
-    assert len(utterances) == len(posts) + len(comments) + len(stand_ins)
-    assert set(conversations) == {row["post_id"] for row in posts}
-    assert {row["speaker"] for row in utterances.values()} == set(speakers)
-    hashes = {row["author_hash"] for row in [*posts, *comments]}
-    strangers = [row["speaker"] for row in utterances.values() if row["speaker"] not in hashes]
-    assert len(strangers) == len(set(strangers)) >= len(stand_ins), "strangers are not one person"
-    for row in comments:
-        utterance = utterances[row["comment_id"]]
-        assert (utterance["conversation_id"], utterance["reply-to"], utterance["text"]) == (
-            row["post_id"],
-            row["parent_id"][3:],
-            row["body"],
-        )
-        assert utterance["timestamp"] == int(row["created_utc"].timestamp())
-    for row in posts:
-        utterance = utterances[row["post_id"]]
-        assert (utterance["reply-to"], utterance["conversation_id"]) == (None, row["post_id"])
-        assert conversations[row["post_id"]]["meta"]["title"] == row["title"]
-
-
 def test_names_are_hashed_the_same_everywhere_and_only_here(whole: Work) -> None:
     by_name: dict[str, set[str]] = {}
     for row in whole.table("clean", "reddit", "comments"):

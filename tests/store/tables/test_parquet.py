@@ -12,8 +12,8 @@ import pytest
 
 from kb.artifacts.purge_rows import RowLocation, drop_rows
 from kb.core.errors import DamagedData, KbError
-from kb.export import convokit
 from kb.export import layouts as export
+from kb.export import minedojo
 from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from kb.report.data import ReportData
@@ -159,4 +159,4 @@ def test_rows_that_go_through_duckdb_are_verified_too(root: Path, make_rows) -> 
     with duckdb.connect() as con:  # by itself it does not look
         con.execute("SELECT count(post_id) FROM read_parquet(?)", [str(path)]).fetchall()
     with pytest.raises(KbError, match=r"part-00000\.parquet can't be read"):
-        convokit.export(run_at(root))
+        minedojo.reddit(run_at(root))
