@@ -309,18 +309,6 @@ def is_current(root: Path, name: str) -> bool:
     return manifest is not None and manifest.inputs.items() <= inputs(root, name).items()
 
 
-def note_inputs(root: Path, name: str) -> None:
-    """Note that an artifact agrees with its inputs as they are now, after both were changed alike.
-
-    Raises DiskFull.
-    """
-    if (manifest := read(root, name)) is not None:
-        write(
-            ARTIFACTS[name].manifest(root),
-            msgspec.structs.replace(manifest, inputs=inputs(root, name)),
-        )
-
-
 def input_digest(
     root: Path, name: str, of: str, files: Callable[[str], list[Path]] | None = None
 ) -> str:

@@ -259,8 +259,6 @@ def finish(root: Path, source: str) -> None:
 
 # -- steps -----------------------------------------------------------------------------------------
 
-Step = Callable[[Purge], Iterator[PurgeLine]]
-
 
 def answers(purge: Purge) -> Iterator[PurgeLine]:
     """Raw answers, segment by segment, in worker processes if there are many.

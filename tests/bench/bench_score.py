@@ -113,7 +113,7 @@ class Place:
         if not out.exists():
             out.mkdir()
             for key in self.said:
-                write_film(out / f"{key}.mp4", shown(key), self.seconds)
+                write_film(out / f"{key}.mp4", shown(key))
         return out
 
     def planted(self, kind: str) -> Path:

@@ -22,7 +22,6 @@ from kb.store.rawlog.rawlog import SUFFIX, compressor
 from tests.bench.scale_raw import Part, Words
 
 PAGES = 6_735
-ELEMENTS = 327  # a page: 2.2 million
 ROOT = "https://minecraft.wiki"
 SIDE = 16  # px of the only icon
 
@@ -156,7 +155,7 @@ def _elements(
     chance: random.Random, words: Words
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], int]:
     """Headings, paragraphs, pictures, and tables of which a row is a sixth of a page's elements."""
-    count = max(8, int(chance.lognormvariate(5.29, 1.0)))  # mean: ELEMENTS
+    count = max(8, int(chance.lognormvariate(5.29, 1.0)))  # mean: 327, 2.2 million in all
     elements: list[dict[str, Any]] = []
     cells: list[dict[str, Any]] = []
     top, table = 100.0, -1

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from kb.core.config.pipeline import Recipe
 from kb.export import layouts, minedojo
 from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
@@ -32,10 +31,3 @@ def _cues(key: str) -> dict[str, object]:
     words = "quinquereme of nineveh" if key == GONE else "we dig down a little"
     said = f"{words} and a creeper comes along number"
     return cues(*([at * 3, 3, f"{said} {at}"] for at in range(12)))
-
-
-def purge(root: Path, *keys: str) -> None:
-    """`kb purge youtube --ids`."""
-    ids = root.parent / f"{root.name}.txt"
-    ids.write_text("".join(f"{key}\n" for key in keys))
-    Recipe("purge").defined("purge")(run_at(root), "youtube", ids)

@@ -229,7 +229,7 @@ def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandb
     ):
         real = json.loads((folder / file).read_text(encoding="utf-8"))
         video = of_case(world, case)[0]
-        made = web.player_answer(video, video.id)
+        made = web.player_answer(video)
         assert made["playabilityStatus"]["status"] == real["playabilityStatus"]["status"]
         assert made["playabilityStatus"].get("reason") == real["playabilityStatus"].get("reason")
         assert ("captions" in made) == ("captions" in real)

@@ -68,7 +68,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Shapes at 20, 60 and 86 s; that at 60 s is shown six seconds late."""
     path = tmp_path_factory.mktemp("film") / "a.mp4"
     shown = [("Creeper", 20.0), ("Skeleton", 66.0), ("Enderman", 86.0)]
-    write_film(path, timeline(shown, SECONDS), SECONDS)
+    write_film(path, timeline(shown, SECONDS))
     return path
 
 
@@ -86,7 +86,7 @@ def test_similarity_margin_and_offset_are_those_of_the_film(film: Path) -> None:
 def test_static_share_counts_neighbouring_frames_that_hardly_differ(tmp_path: Path) -> None:
     """A picture that changes each second in the first half of the clip, and stays in the second."""
     pictures = [(2 * s, (("Creeper",), ("Skeleton",))[s % 2] if s < 44 else ()) for s in range(60)]
-    write_film(tmp_path / "a.mp4", [*pictures, (119, ())], 60)
+    write_film(tmp_path / "a.mp4", [*pictures, (119, ())])
     (one,) = scores_of(tmp_path / "a.mp4", [pair("Creeper", 44, 16)], Colours())
     assert one.static_share == pytest.approx(7 / 15, abs=0.001)
 
@@ -128,7 +128,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         track = place / "given" / f"{key}.en-orig.json3"
         track.write_text(ytdlp.json3(lines, automatic=True))
         shown = [(name, float(at)) for at, name in said.items()]
-        write_film(place / "films" / f"{key}.mp4", timeline(shown, SECONDS), SECONDS)
+        write_film(place / "films" / f"{key}.mp4", timeline(shown, SECONDS))
     from tests.score.checkpoints import of_openai, random_clip  # torch takes seconds to load
 
     torch.save(of_openai(random_clip()), place / "small.pt")
@@ -156,7 +156,7 @@ def test_every_pair_is_scored_or_counted(place: Path, here: Here) -> None:
     films = place / "some"
     films.mkdir()
     (films / "alpha000001.mp4").symlink_to(place / "films" / "alpha000001.mp4")
-    write_film(films / "alpha000002.mp4", timeline([], SECONDS / 2), SECONDS / 2)
+    write_film(films / "alpha000002.mp4", timeline([], SECONDS / 2))
     with_model = ("--videos", str(films), "--model", str(place / "small.pt"), "--workers", "1")
     done = here("pairs", "score", *with_model, "--json", *at)
     assert done.code == 0, done.err

@@ -21,8 +21,6 @@ from kb.wiki.browser.browser import Browser, Pool, reach
 from kb.wiki.capture import page
 from tests.conftest import skip_or_fail
 
-HERE = Path(__file__).parent
-
 
 class Quiet(WSGIRequestHandler):
     """No line a request."""

@@ -31,4 +31,4 @@ def captcha_page() -> str:
 def bot_answer() -> dict[str, Any]:
     """The player's answer to a blocked client."""
     status = {"status": "LOGIN_REQUIRED", "reason": "Sign in to confirm you’re not a bot"}
-    return {**player_answer(None, ""), "playabilityStatus": status}
+    return {**player_answer(None), "playabilityStatus": status}

@@ -30,15 +30,15 @@ if TYPE_CHECKING:
     from kb.core.context import Run
 
 
-def next_steps(run: Run, sources: dict[str, dict[str, Any]], stale: Any) -> list[str]:
+def next_steps(sources: dict[str, dict[str, Any]], stale: Any) -> list[str]:
     """The next commands, as they have to be typed: what a source needs, then `kb build`."""
-    steps = [step for name, about in sources.items() if (step := _step(run, name, about))]
+    steps = [step for name, about in sources.items() if (step := _step(name, about))]
     if stale and not any(about["running_pid"] for about in sources.values()):
         steps.append("build")
     return [complete(step) for step in steps]
 
 
-def _step(run: Run, source: str, about: dict[str, Any]) -> str:
+def _step(source: str, about: dict[str, Any]) -> str:
     """The next command that asks a service: crawl or refresh. A source with a credential is not
     crawled without it.
     """
@@ -91,7 +91,7 @@ def overview(run: Run) -> dict[str, Any]:
         "tasks": _schema_rows(catalog, "clean", "tasks").get("tasks", 0)
         or _schema_rows(catalog, "release", "tasks").get("tasks", 0),
         "stale": stale,
-        "next": next_steps(run, sources, stale) if collected or stale else [],
+        "next": next_steps(sources, stale) if collected or stale else [],
     }
 
 

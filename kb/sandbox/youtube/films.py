@@ -48,7 +48,7 @@ def write_films(world: World, folder: Path) -> int:
     mentions = Mentions(world)
     for video in world.youtube.videos.values():
         with writing(folder / f"{video.id}.mp4", sync=False) as path:
-            write_film(path, timeline(mentions.of(video), video.seconds), video.seconds)
+            write_film(path, timeline(mentions.of(video), video.seconds))
     return len(world.youtube.videos)
 
 
@@ -109,7 +109,7 @@ def timeline(mentions: Iterable[tuple[str, float]], seconds: int) -> Iterator[tu
         before = picture
 
 
-def write_film(path: Path, pictures: Iterable[tuple[int, Picture]], seconds: int) -> None:
+def write_film(path: Path, pictures: Iterable[tuple[int, Picture]]) -> None:
     import av  # noqa: PLC0415  belongs to the extra `clips`
 
     base = Fraction(1, RATE)

@@ -51,7 +51,7 @@ def is_gone(video: Video) -> bool:
     return not video.in_api or video.player == "gone"
 
 
-def player_answer(video: Video | None, key: str) -> dict[str, Any]:
+def player_answer(video: Video | None) -> dict[str, Any]:
     """The player's answer for a video; None or a vanished one is unavailable."""
     around = _player_part("around", {})
     if video is None or is_gone(video):
@@ -171,7 +171,7 @@ class YouTubeWeb:
         if "client" not in body.get("context", {}):
             return _refusal("Request contains an invalid argument.")
         return Response(
-            json.dumps(player_answer(self.world.youtube.find(key), key)),
+            json.dumps(player_answer(self.world.youtube.find(key))),
             mimetype="application/json",
         )
 
@@ -243,7 +243,7 @@ _part = partial(written, "youtube/watch_page.json")
 def watch_page(video: Video | None, key: str) -> str:
     """The page of a video: settings with the key, the first player answer, the page's data."""
     config = _part("settings", {"key": PAGE_KEY})
-    player = player_answer(video, key)
+    player = player_answer(video)
     for track in (
         player.get("captions", {})
         .get("playerCaptionsTracklistRenderer", {})
