@@ -40,7 +40,6 @@ def test_what_no_command_has_written_is_foreign(root: Path, name: str, kind: str
     [
         ("export/minedojo/youtube_full.json", "kb youtube export --format minedojo", "was made"),
         ("export/minedojo/wiki_full/Cave/0/data.json", "kb wiki export --format minedojo", "fail"),
-        ("export/video2dataset/clips.parquet", "kb pairs --format video2dataset", "was made"),
         ("export/reconstructed/posts/part-00000.parquet", "kb reddit reconstruct", "was set aside"),
         ("report/index.html", "kb report", "was made"),
         ("report/figures/words.svg", "kb report", "was made"),
