@@ -75,15 +75,15 @@ def test_without_pairs_there_is_nothing_to_export(run: Run, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("layout", ["minedojo", "video2dataset"])
-def test_a_damaged_index_is_named(run: Run, tmp_path: Path, layout: str) -> None:
+def test_a_damaged_index_is_made_again(run: Run, tmp_path: Path, layout: str) -> None:
     _export(run, "minedojo")
     other = replace(run, root=tmp_path / "a#b?c[d]*'e")
     shutil.copytree(run.root, other.root)
     (part,) = shards(other.root / "pairs")
-    part.write_bytes(part.read_bytes()[:100])
-    with pytest.raises(DamagedData, match=f"{part.name} can't be read") as caught:
-        _export(other, layout)
-    assert caught.value.hint == "run `kb pairs --again`"
+    whole = part.read_bytes()
+    part.write_bytes(whole[:100])
+    _export(other, layout)
+    assert part.read_bytes() == whole
 
 
 @pytest.mark.parametrize("table", ["videos", "transcripts"])
