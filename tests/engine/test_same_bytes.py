@@ -97,7 +97,7 @@ def youtube(run: Run, given: Path) -> None:
 def wiki(run: Run, given: Path) -> None:
     summary = run_clean(run, "wiki")
     assert summary["kept"] + summary["stages"].get("toxicity", 0) == PAGES
-    assert summary["rejected"] == summary["crawled"] - summary["kept"]
+    assert summary["rejected"] + summary["failed"] == summary["crawled"] - summary["kept"]
 
 
 def annotate(run: Run, given: Path) -> None:
@@ -146,7 +146,7 @@ COMMANDS = [
     Command(wiki, "wiki", ("clean", "annotations"), "clean/.wiki.new/**/*.parquet"),
     Command(annotate, "wiki", ("annotations",), "clean/.wiki.work/**/texts-*.arrow"),
     Command(score, "texts", ("annotations",), "annotations/reddit/part-*.parquet"),
-    Command(pairs, "pairs", ("pairs", "release/pairs"), "state/pairs/**/*.parquet"),
+    Command(pairs, "pairs", ("pairs", "release/pairs"), ".pairs.new/.parts/*.parquet"),
     Command(reddit, "reddit", ("raw",), "raw/**/*.zst"),
 ]
 
