@@ -1,9 +1,10 @@
 """The `kb` command: thin files over the rooms, nothing heavy until a command runs."""
 
+import contextlib
 import signal
 import sys
 
-from kb.core.signals import BOTH, end_in_time, handling, leave
+from kb.core.signals import BOTH, ended_in_time, handling, leave
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -17,9 +18,8 @@ def main(arguments: list[str] | None = None) -> None:
         for number in BOTH
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
     ]
-    if signal.SIGTERM in ours:
-        end_in_time()
-    with handling(leave, ours):
+    in_time = ended_in_time() if signal.SIGTERM in ours else contextlib.nullcontext()
+    with in_time, handling(leave, ours):
         from kb.cli.app import app
         from kb.cli.framework.exit_codes import run_to_exit_code
 

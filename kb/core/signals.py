@@ -103,18 +103,30 @@ def leave(number: int, frame: object = None) -> None:
     os._exit(3)
 
 
-def end_in_time() -> None:
-    """From now on SIGTERM ends the program within END_S, also where its handler can't be called:
-    Python calls it between two lines, and a library may be in one for minutes.
+@contextlib.contextmanager
+def ended_in_time() -> Iterator[None]:
+    """During the block SIGTERM ends the program within END_S, also where its handler can't be
+    called: Python calls it between two lines, and a library may be in one for minutes. Once heard,
+    it also ends what follows the block.
     """
     heard, told = socket.socketpair()
     told.setblocking(False)
-    signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
+    before = signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
+    was_heard = threading.Event()
 
-    def watch(heard: socket.socket, _: socket.socket) -> None:  # which stay open with it
-        while signal.SIGTERM not in heard.recv(64):
-            pass
-        time.sleep(END_S)
-        leave(signal.SIGTERM)
+    def watch() -> None:
+        with heard:
+            while (numbers := heard.recv(64)) and signal.SIGTERM not in numbers:
+                pass
+        if numbers:
+            was_heard.set()
+            time.sleep(END_S)
+            leave(signal.SIGTERM)
 
-    threading.Thread(target=watch, args=(heard, told), name="end-in-time", daemon=True).start()
+    threading.Thread(target=watch, name="end-in-time", daemon=True).start()
+    try:
+        yield
+    finally:
+        if not was_heard.is_set():
+            signal.set_wakeup_fd(before)
+            told.close()  # which ends the thread

@@ -50,8 +50,8 @@ def test_another_thread_sets_no_handler() -> None:
 def test_sigterm_ends_a_program_that_never_looks_at_it() -> None:
     blind = (
         "import signal, time; from kb.core import signals; signals.END_S = 0.1;"
-        " signal.signal(signal.SIGTERM, lambda *_: None); signals.end_in_time();"
-        " print(flush=True); time.sleep(300)"
+        " signal.signal(signal.SIGTERM, lambda *_: None)\n"
+        "with signals.ended_in_time():\n print(flush=True); time.sleep(300)"
     )
     with subprocess.Popen(
         [sys.executable, "-c", blind], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -64,3 +64,9 @@ def test_sigterm_ends_a_program_that_never_looks_at_it() -> None:
         3,
         "kb: stopped by SIGTERM; run the same command to resume",
     )
+
+
+def test_a_command_that_ended_leaves_nothing_that_hears_of_signals() -> None:
+    with signals.ended_in_time():
+        pass
+    assert signal.set_wakeup_fd(-1) == -1
