@@ -10,7 +10,7 @@ from contextlib import closing
 from pathlib import Path
 
 from kb.artifacts import freshness, manifest
-from kb.artifacts.makers import MADE, make_outdated
+from kb.artifacts.makers import MADE, STOPPED, make_outdated
 from kb.core.context import Run
 from kb.core.errors import DamagedData, DiskFull, Interrupted, KbError
 from kb.core.sources import PUBLISHED, SOURCES
@@ -83,6 +83,8 @@ def _make_again(run: Run, found: Findings) -> Iterator[str]:
     if manifest.read(run.root, RELEASE) is not None and RELEASE not in names:
         names.append(RELEASE)
     for done in make_outdated(run, freshness.plan(run, names)):
+        if done.outcome == STOPPED and done.error is not None:  # a full disk, a signal
+            raise done.error
         made = f"{done.artifact} was made again"
         yield made if done.outcome == MADE else f"{done.artifact}: {done}"
 
