@@ -11,8 +11,9 @@ A command that makes an artifact (kb.store.artifact_registry) writes it with `re
         build.figures = {"videos": 207}      # what the command reports and others read
 
 The folder then takes the old one's place in one step. Whoever reads it asks `read` for the figures,
-`rows` for the files of a table, `is_current` whether its inputs have changed, `verify` whether the
-bytes are those that were written. A command that changes files in place does so within `editing`.
+`rows` for the files of a table, `verify` whether the bytes are those that were written; whether an
+artifact is current says kb.artifacts.freshness. A command that changes files in place does so
+within `editing`.
 """
 
 import contextlib
@@ -301,12 +302,6 @@ def inputs(
     they are not those of the data root. Raises DamagedData for a lost file.
     """
     return {one: input_digest(root, name, one, files) for one in ARTIFACTS[name].inputs}
-
-
-def is_current(root: Path, name: str) -> bool:
-    """Whether an artifact was made from the inputs that are there now. Raises DamagedData."""
-    manifest = read(root, name)
-    return manifest is not None and manifest.inputs.items() <= inputs(root, name).items()
 
 
 def input_digest(

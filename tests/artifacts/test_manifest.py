@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from kb.artifacts import manifest
+from kb.artifacts import freshness, manifest
 from kb.artifacts.makers import make_and_export
 from kb.core.errors import DamagedData, KbError, ReleaseRefused
 from kb.export import layouts, minedojo
@@ -186,13 +186,13 @@ def test_a_copied_root_is_current_and_a_changed_one_is_not(root: Path, tmp_path:
     for number, path in enumerate(sorted(copy.rglob("*"), reverse=True)):
         os.utime(path, (1_000_000 + number, 1_000_000 + number))
     for name in ("clean/youtube", "release/youtube"):
-        assert manifest.is_current(copy, name)
+        assert not freshness.reasons(run_at(copy), name)
     segment = next(iter((copy / "raw/youtube/videos").iterdir()))
     segment.rename(segment.with_name(f"{segment.name}.open"))  # the same bytes
-    assert manifest.is_current(copy, "clean/youtube")
+    assert not freshness.reasons(run_at(copy), "clean/youtube")
     (segment.parent / "00000099.ndjson.zst").write_bytes(b"more")
-    assert not manifest.is_current(copy, "clean/youtube")
+    assert freshness.reasons(run_at(copy), "clean/youtube") == ["raw/youtube"]
     videos = one(copy / "clean/youtube/videos")
     with manifest.editing(copy, "clean/youtube"):
         write_table(videos, read_table(videos).slice(1), "youtube/videos")
-    assert not manifest.is_current(copy, "release/youtube")
+    assert freshness.reasons(run_at(copy), "release/youtube") == ["clean/youtube"]
