@@ -95,25 +95,40 @@ def _as_text(entry: ListedId) -> str | None:
     return str(entry.value) if entry.value else None
 
 
-def rules_by_name(source: SourceDeclaration) -> PurgeRules:
-    """The rules of a source whose items are removed by name only."""
-    rows = [
-        (short, prefix, table(f"{source.name}/{short}")) for short, prefix in source.tables.items()
-    ]
-    ids = IdRules(
+def ids_of(source: SourceDeclaration) -> IdRules:
+    """How ids are read for a source that has no rules of its own: as they are."""
+    return IdRules(
         option="--ids",
         noun=f"ids of {source.counted}",
         hint="write one a line",
-        columns=tuple(declared.key[0] for _, _, declared in rows),
-        tables=(tuple(short for short, _, _ in rows),),
+        columns=tuple(table(f"{source.name}/{short}").key[0] for short in source.tables),
+        tables=(tuple(source.tables),),
         parse=_as_text,
     )
+
+
+def rules_by_name(source: SourceDeclaration) -> PurgeRules:
+    """The rules of a source whose items are removed by name, and where the service no longer has
+    them: what a refresh asked for and did not get.
+    """
+    rows = [
+        (short, prefix, table(f"{source.name}/{short}")) for short, prefix in source.tables.items()
+    ]
+
+    def absent(purge: Purge) -> dict[str, str]:
+        items = purge.frontier.items(source.refreshed, "skipped") if source.refreshed else ()
+        before = tombstones.keys(purge.root, source.name)
+        lost = {key: "vanished" for key, _, why, _ in items if why == "not_found"}
+        fresh = {key: why for key, why in lost.items() if key not in before}
+        return steps.with_named(steps.by_presence(purge), fresh)
+
     return PurgeRules(
         source.name,
-        ids.read_some,
+        ids_of(source).read_some,
         rows=(
             *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
             *shared_locations(source.name),
         ),
         items=tuple(source.nouns),
+        find=absent,
     )
