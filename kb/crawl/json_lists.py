@@ -42,6 +42,7 @@ class ListPhase(Phase):
     Where `path` has {keys}, an item is a key, and one list answers up to `batch` of them; without,
     an item is a page of one list, and the first one is where a crawl begins.
 
+    table      the table whose keys its items are
     path       below the service's address: "/questions", "/questions/{keys}/answers"
     split      what stands between keys
     entries    where the entries stand in an answer
@@ -53,6 +54,7 @@ class ListPhase(Phase):
     """
 
     path: str
+    table: str = ""
     split: str = ";"
     entries: str = "items"
     key: str = ""
@@ -86,10 +88,10 @@ def is_due(frontier: Frontier, days: int) -> bool:
     return bool(noted) and (clock.now() - clock.parse(noted)).total_seconds() >= days * 86_400
 
 
-def named(entries: Sequence[Any], at: str) -> list[str]:
+def named(entries: Sequence[Any], at: str, prefix: str = "") -> list[str]:
     """The keys that entries have at a path, each once."""
     keys = (inner(entry, *at.split(".")) for entry in entries)
-    return list(dict.fromkeys(str(key) for key in keys if isinstance(key, (str, int))))
+    return list(dict.fromkeys(f"{prefix}{key}" for key in keys if isinstance(key, (str, int))))
 
 
 class JsonLists(Connector):
@@ -178,7 +180,8 @@ class JsonLists(Connector):
             params = {**asked.params, asked.page: item.key}
             yield Answer(phase.kind, asked.path, params, get(asked.path, params))
             return
-        keys, page = asked.split.join(item.key for item in items), FIRST
+        bare = (item.key.removeprefix(self._prefix(phase.kind)) for item in items)
+        keys, page = asked.split.join(bare), FIRST
         while page:
             params = {**asked.params, **({asked.page: page} if page != FIRST else {})}
             try:
@@ -203,24 +206,29 @@ class JsonLists(Connector):
         following = phase.next_page(page, response)
         with frontier.transaction():
             for other, at in phase.adds.items():
-                frontier.add(other, named(entries, at))
+                frontier.add(other, named(entries, at, self._prefix(other)))
             if not phase.keyed:
                 frontier.add(kind, [page, *([following] if following else [])])
                 frontier.done(kind, page)
                 return
-            keys = params["keys"].split(phase.split)
+            prefix = self._prefix(kind)
+            keys = [f"{prefix}{key}" for key in params["keys"].split(phase.split)]
             if page == FIRST:
                 frontier.add(kind, keys)
                 frontier.mark(kind, keys, "in_progress")
             if not phase.key:
                 answered = [] if following else keys
             else:
-                answered = [key for key in named(entries, phase.key) if key in keys]
+                answered = [key for key in named(entries, phase.key, prefix) if key in keys]
             frontier.done(kind, *answered)
             if phase.key and not following:
                 states = ((key, frontier.get(kind, key)) for key in keys)
                 absent = [key for key, state in states if state and state[0] == "in_progress"]
                 frontier.mark(kind, absent, "skipped", "not_found")
+
+    def _prefix(self, kind: str) -> str:
+        """What the keys of a kind begin with in the frontier, as the source declares."""
+        return self._source.tables.get(self._of_kind[kind].table, "")
 
     def close(self) -> None:
         """Close the connections."""

@@ -91,19 +91,24 @@ def dry_purge(
         yield purge
 
 
-def _as_text(entry: ListedId) -> str | None:
-    return str(entry.value) if entry.value else None
-
-
 def ids_of(source: SourceDeclaration) -> IdRules:
-    """How ids are read for a source that has no rules of its own: as they are."""
+    """How ids are read for a source that has no rules of its own: as they are, those without the
+    prefix of a table as ids of the main one.
+    """
+
+    def key_of(entry: ListedId) -> str | None:
+        text = str(entry.value or "")
+        if any(prefix and text.startswith(prefix) for prefix in source.tables.values()):
+            return text
+        return f"{source.tables[source.main]}{text}" if text else None
+
     return IdRules(
         option="--ids",
         noun=f"ids of {source.counted}",
         hint="write one a line",
         columns=tuple(table(f"{source.name}/{short}").key[0] for short in source.tables),
         tables=(tuple(source.tables),),
-        parse=_as_text,
+        parse=key_of,
     )
 
 

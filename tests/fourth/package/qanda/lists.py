@@ -10,12 +10,14 @@ from kb.crawl.json_lists import ListPhase
 LISTS = (
     ListPhase(
         kind="answers",
+        table="questions",
         unit="questions",
         path="/questions/{keys}/answers",
         batch=20,
     ),
     ListPhase(
         kind="questions",
+        table="questions",
         unit="questions",
         path="/questions/{keys}",
         key="question_id",

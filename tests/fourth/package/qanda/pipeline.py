@@ -38,11 +38,12 @@ def clean(p: Profile) -> Clean:
             lambda newest: {f"qanda/{kind}": newest[kind] for kind in keys},
         ),
         chains=(
-            Chain("qanda/questions", "question_id", (score,)),
+            Chain("qanda/questions", "question_id", (score,), "q"),
             Chain(
                 "qanda/answers",
                 "answer_id",
                 (In("question", (True,), stage="question"), score),
+                "a",
                 helpers=("question",),
                 relate=with_question,
             ),

@@ -31,8 +31,9 @@ class QAndA(Source):
         from kb.links.texts import in_columns
 
         if table == "answers":
-            return in_columns(path, "answer_id", {"answer": ("body",)})
-        return in_columns(path, "question_id", {"title": ("title",), "question": ("body",)})
+            return in_columns(path, "answer_id", {"answer": ("body",)}, "a")
+        parts = {"title": ("title",), "question": ("body",)}
+        return in_columns(path, "question_id", parts, "q")
 
     def passages(self, profile: Profile, root: Path) -> Iterator[Passage]:
         from qanda.documents import passages
