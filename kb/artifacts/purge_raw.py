@@ -12,14 +12,13 @@ from typing import Any
 import msgspec
 from ahocorasick_rs import BytesAhoCorasick, Implementation
 
-from kb.core import signals
 from kb.core.context import Run
-from kb.core.engine import make_executor, make_threads, map_in_order
+from kb.core.engine import make_executor, map_in_order
 from kb.schema import answer_keys as schema
 from kb.store.atomic import followed, writing
 from kb.store.damage import open_file
 from kb.store.rawlog import quarantine, rawlog
-from kb.store.rawlog.rawlog import Envelope, Request
+from kb.store.rawlog.rawlog import Envelope, Request, intact_frames
 from kb.store.state.frontier import Frontier
 
 Names = Mapping[str, Collection[str]]
@@ -118,41 +117,36 @@ class AnswerRules:
 
 def changed_frames(
     path: Path, matches: Matcher, strip: Callable[[Envelope], Envelope | None]
-) -> Iterator[tuple[int, int, Envelope | None]]:
-    """The frames (start, end) of a segment that change, and what is left of each envelope.
+) -> Iterator[tuple[int, bytes, Envelope]]:
+    """The frames of a segment that change: where each starts, its line and its envelope.
 
     Raises DamagedData after the last readable frame if some could not be read.
     """
     frames = rawlog.Frames(path, checked=True)
-    for end, line in frames:
+    for _, line in frames:
         if matches(line):
             envelope = rawlog.decode(line)
-            left = strip(envelope)
-            if left is not envelope:
-                yield frames.start, end, left
+            if strip(envelope) is not envelope:
+                yield frames.start, line, envelope
 
 
-def rewrite_segment(path: Path, changes: Iterable[tuple[int, int, Envelope | None]]) -> int:
-    """Write a segment again with other envelopes in some frames, or none; how many changed.
+def rewrite_segment(
+    path: Path, starts: Iterable[int], strip: Callable[[Envelope], Envelope | None]
+) -> None:
+    """Write a segment again with what is left of the frames that start there.
 
-    The other frames are copied byte by byte. A segment without changes stays.
+    The other frames are copied byte by byte.
     """
-    engine = rawlog.compressor()
-    frames = [
-        (start, end, b"" if envelope is None else engine.compress(rawlog.encode(envelope)))
-        for start, end, envelope in changes
-    ]
-    if not frames:
-        return 0
+    engine, at = rawlog.compressor(), 0
     path = followed(path)  # what a link leads to would keep the rest
     with writing(path) as temporary, open_file(path) as old, temporary.open("wb") as new:
-        at = 0
-        for start, end, frame in frames:
+        for place in starts:
+            start, end, line = next(intact_frames(old, place))
             quarantine.copy(old, new, at, start)
-            new.write(frame)
+            if (left := strip(rawlog.decode(line))) is not None:
+                new.write(engine.compress(rawlog.encode(left)))
             at = end
         quarantine.copy(old, new, at, path.stat().st_size)
-    return len(frames)
 
 
 def over_segments(
@@ -173,20 +167,6 @@ def over_segments(
     engine = run.engine if workers > 1 else "local"
     with make_executor(engine, workers, run.scheduler, run.root) as executor:
         yield from map_in_order(executor, function, tasks, window=executor.window)
-
-
-def check_readable(root: Path, source: str, threads: int) -> None:
-    """Read every segment. Raises DamagedData for the first that can't be read in full, except for
-    the torn end of an open one; Interrupted.
-    """
-
-    def read(path: Path) -> None:
-        signals.stop.check()
-        for _ in rawlog.Frames(path, checked=True):
-            pass
-
-    with make_threads(threads) as pool:  # decompressing releases the interpreter lock
-        list(pool.map(read, rawlog.all_segments(root, source)))
 
 
 def uncommitted(frontier: Frontier, paths: Iterable[Path]) -> Iterator[Path]:
