@@ -22,7 +22,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +35,7 @@ from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, w
 from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absent
 from kb.artifacts.purge_raw import AnswerRules, Matcher, Names
 from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
+from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.summary import Summary
@@ -164,6 +165,11 @@ class Purge:
         )
 
     @property
+    def all_names(self) -> Names:
+        """What leaves answers: the keys and the other names."""
+        return {**self.names, "": self.keys}
+
+    @property
     def removed(self) -> set[str]:
         """The keys of which the data root has something, or had before an interruption."""
         return {key for key in self.keys if key not in self.absent}
@@ -273,22 +279,21 @@ def answers(purge: Purge) -> Iterator[PurgeLine]:
 
     Raises Interrupted, DiskFull.
     """
-    source, changes = purge.rules.source, purge.changes
-    if not purge.dry:
-        paths = [path for path, starts in changes.items() if starts]
-        work = (purge.rules, str(purge.keys_file), purge.names)
-        todo = purge_raw.uncommitted(purge.frontier, paths)
-        tasks = ((str(path), changes[path], *work) for path in todo)
-        done = purge_raw.over_segments(
-            purge.run, paths, strip_segment, tasks, in_order=purge.rules.answers.in_order
-        )
-        for path, _ in zip(paths, done, strict=True):
-            # The state knows all of a segment that was written again.
+    source = purge.rules.source
+    for path, starts in purge.changes.items():
+        if starts and not purge.dry:
+            signals.stop.check()
             place = path.parent.name, rawlog.base_name(path)
+            # A shorter segment than the state knows would count as lost. Killed here, the same
+            # command reads it again.
+            purge.frontier.set_offset(*place, 0)
+            strip = partial(purge.rules.strip, path.parent.name, names=purge.all_names)
+            with partition.without_collecting():
+                purge_raw.rewrite_segment(path, starts, strip)
             purge.frontier.set_offset(*place, path.stat().st_size)
     for kind in rawlog.kinds(purge.root, source):
-        count = sum(len(starts) for path, starts in changes.items() if path.parent.name == kind)
-        yield PurgeLine(str(BELOW.raw(source, kind)), "answers", count)
+        changes = (len(n) for path, n in purge.changes.items() if path.parent.name == kind)
+        yield PurgeLine(str(BELOW.raw(source, kind)), "answers", sum(changes))
 
 
 class SegmentScan(NamedTuple):
@@ -322,19 +327,6 @@ def scan_segment(segment: str, rules: PurgeRules, keys_file: str, names: Names) 
                 if rules.strip(path.parent.name, envelope, {"": {key}}) is not envelope:
                     found.present.add(key)
     return found
-
-
-def strip_segment(
-    segment: str, starts: list[int], rules: PurgeRules, keys_file: str, names: Names
-) -> None:
-    """Write a segment again without the names. Runs in a worker."""
-    path, (keys, _) = Path(segment), _keys(keys_file, rules, names)
-
-    def strip(envelope: Envelope) -> Envelope | None:
-        return rules.strip(path.parent.name, envelope, {**names, "": keys})
-
-    with partition.without_collecting():
-        purge_raw.rewrite_segment(path, starts, strip)
 
 
 def _keys(file: str, rules: PurgeRules, names: Names) -> tuple[dict[str, str], Matcher]:

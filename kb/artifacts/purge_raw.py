@@ -19,7 +19,6 @@ from kb.store.atomic import followed, writing
 from kb.store.damage import open_file
 from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.rawlog import Envelope, Request, intact_frames
-from kb.store.state.frontier import Frontier
 
 Names = Mapping[str, Collection[str]]
 """What is removed, by kind of name as `of` in `x-keys` calls it; "" has the keys."""
@@ -109,11 +108,6 @@ class AnswerRules:
     strip: Strip | None = None
     repeats: Callable[[Envelope, Collection[str]], Iterable[str]] | None = None
 
-    @property
-    def in_order(self) -> bool:
-        """Whether segments are written one after another, as `names` reads the last ones again."""
-        return self.names is not None
-
 
 def changed_frames(
     path: Path, matches: Matcher, strip: Callable[[Envelope], Envelope | None]
@@ -154,27 +148,13 @@ def over_segments(
     paths: Sequence[Path],
     function: Callable[..., Any],
     tasks: Iterable[tuple[Any, ...]],
-    *,
-    in_order: bool = False,
 ) -> Iterator[Any]:
     """What a function says of each segment, in worker processes if there are many of them.
 
-    `tasks` are its arguments, a tuple a segment, taken one after another with `in_order`. Raises
-    Interrupted.
+    `tasks` are its arguments, a tuple a segment. Raises Interrupted.
     """
     large = sum(path.stat().st_size for path in paths) > _PARALLEL
-    workers = run.workers if large and not in_order else 1
+    workers = run.workers if large else 1
     engine = run.engine if workers > 1 else "local"
     with make_executor(engine, workers, run.scheduler, run.root) as executor:
         yield from map_in_order(executor, function, tasks, window=executor.window)
-
-
-def uncommitted(frontier: Frontier, paths: Iterable[Path]) -> Iterator[Path]:
-    """The segments. The state forgets each one before it is handed out to be written again.
-
-    A shorter segment than the state knows would count as lost. If the purge is killed before
-    its new size is noted, the segment is read again, which changes nothing.
-    """
-    for path in paths:
-        frontier.set_offset(path.parent.name, rawlog.base_name(path), 0)
-        yield path

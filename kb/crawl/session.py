@@ -14,6 +14,7 @@ from kb.artifacts import domain_binding
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import TURNED_AWAY, Retryable
+from kb.core.source import Source
 from kb.crawl.connector import Answer, Connector, Opened
 from kb.store import lock
 from kb.store.layout import Layout
@@ -130,9 +131,7 @@ def open_session(
         if root == run.root:
             domain_binding.note(run.root, run.profile)
         domain_binding.bind_service(root, connector.name, **facts)
-        if not Layout(root).state(connector.name).exists() and rawlog.any_answer(
-            root, connector.name
-        ):
+        if is_state_missing(root, connector.name):
             run.progress.say(
                 f"{connector.name}: its state is missing; it is replayed from raw data"
             )
@@ -160,3 +159,19 @@ def open_session(
             )
         )
         yield session
+
+
+def is_state_missing(root: Path, source: str) -> bool:
+    """Whether there are raw answers without the state that they give."""
+    return not Layout(root).state(source).exists() and rawlog.any_answer(root, source)
+
+
+def replay_missing_state(run: Run, source: Source) -> None:
+    """Replay a source's state from raw answers where it is missing, with one line.
+
+    For commands that only need what the state says. Raises WriterLocked, DamagedData, and OSError
+    where the data root can't be written.
+    """
+    if is_state_missing(run.root, source.name):
+        with open_session(run, source.connector(run), online=False):
+            pass

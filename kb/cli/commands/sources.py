@@ -26,6 +26,7 @@ from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.errors import SettingError
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
 youtube_app = group("Collect videos and transcripts from YouTube.")
@@ -84,6 +85,7 @@ def youtube_crawl(
     """
     which = parse_part(part)
     if plan:
+        from kb.crawl.session import replay_missing_state
         from kb.youtube.plan import plan as estimate
 
         if part and not ids:
@@ -91,6 +93,7 @@ def youtube_crawl(
                 "--part has no effect on --plan without --ids",
                 hint="--plan always covers all remaining work; drop --part",
             )
+        replay_missing_state(run, SOURCES["youtube"])
         return estimate(run, ids=ids, part=which)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -226,8 +229,10 @@ def wiki_crawl(
     API's folder to all crawlers; a rule that names `lorecrawl` is obeyed there too.
     """
     if plan:
+        from kb.crawl.session import replay_missing_state
         from kb.wiki.crawl.connector import plan_crawl
 
+        replay_missing_state(run, SOURCES["wiki"])
         return plan_crawl(run, titles)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -290,11 +295,13 @@ def reddit_crawl(
     out of the tables too (`outside` in the summary); a later crawl with another span, or none,
     reads them.
     """
+    from kb.crawl.session import replay_missing_state
     from kb.reddit.crawl.connector import crawl
     from kb.reddit.plan import plan_crawl
 
     begin, end = parse_span(since, until)
     if plan:
+        replay_missing_state(run, SOURCES["reddit"])
         return plan_crawl(run)
     from kb.cli.commands.doctor import warn_of_space
 
