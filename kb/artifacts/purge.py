@@ -130,10 +130,10 @@ class Purge:
 
     `asked` are people to be left out, `keys` what is removed and why, `absent` named ones that the
     data root does not have (KNOWN or UNKNOWN), `names` other names of what is removed, of which
-    `other_names` are those people's, `counts` what else the summary says. `scratch` is a folder for
-    work files; `keys_file` has the keys for worker processes. `changes` has the starts of the
-    frames that change, by segment. `damage` says which raw data could not be read: everything that
-    could be read was purged.
+    `other_names` are those people's, `counts` what else the summary says. `note` is what state/
+    keeps of it, `scratch` a folder for work files; `keys_file` has the keys for worker processes.
+    `changes` has the starts of the frames that change, by segment. `damage` says which raw data
+    could not be read: everything that could be read was purged.
     """
 
     run: Run
@@ -143,6 +143,7 @@ class Purge:
     scratch: Path
     dry: bool = False
     asked: PeopleList | None = None
+    note: PurgeNote = field(default_factory=lambda: PurgeNote({}))
     keys: dict[str, str] = field(default_factory=dict)
     absent: dict[str, str] = field(default_factory=dict)
     names: Names = field(default_factory=dict)
@@ -177,7 +178,8 @@ class Purge:
     def find(self) -> None:
         """Find what is to be removed, with what an interrupted purge left."""
         # What an interrupted purge found out can't be found out again.
-        self.keys = left = unfinished(self.root, self.rules.source).keys
+        self.note = unfinished(self.root, self.rules.source)
+        self.keys = left = self.note.keys
         theirs = people(self, self.rules.people, self.asked) if self.rules.people else {}
         self.keys = left | theirs
         found = self.rules.find(self) | theirs | left
@@ -187,9 +189,8 @@ class Purge:
     def begin(self) -> None:
         """Write the note of the purge, then tombstones of its keys."""
         if self.dry or self.keys:
-            note = unfinished(self.root, self.rules.source)
-            note.keys = self.keys | self.absent
-            _write_note(self.keys_file, note)
+            self.note.keys = self.keys | self.absent
+            _write_note(self.keys_file, self.note)
         if self.keys and not self.dry:
             tombstones.add(self.root, self.rules.source, self.keys.items())
         if self.keys:
@@ -249,13 +250,13 @@ def _write_note(path: Path, note: PurgeNote) -> None:
     write_bytes(path, msgspec.json.encode(note, order="sorted"))
 
 
-def finish(root: Path, source: str) -> None:
+def finish(purge: Purge) -> None:
     """After the last step: say in manifests what was removed, compact the state and remove the
     note.
 
     Raises WriterLocked and DiskFull.
     """
-    note = unfinished(root, source)
+    root, source, note = purge.root, purge.rules.source, purge.note
     for name, text in note.files.items():
         if not (root / name).exists():
             write_bytes(root / name, text.encode())
@@ -365,7 +366,7 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
             if not ARTIFACTS[name].tables and name != RELEASE:
                 yield count_files(root, ARTIFACTS[name])
         return
-    note, linked = unfinished(root, rules.source), list[Path]()
+    note, linked = purge.note, list[Path]()
     note.keys = purge.keys | purge.absent
     for name in names:
         artifact = ARTIFACTS[name]

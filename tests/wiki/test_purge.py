@@ -97,8 +97,8 @@ def test_a_purge_that_was_killed_leaves_no_title_in_the_state(
         return real(*args, **options)
 
     def whole() -> None:
-        remove_keys(run, RULES, RULES.read_ids(ids, None))
-        steps.finish(tmp_path, "wiki")
+        purge, _ = remove_keys(run, RULES, RULES.read_ids(ids, None))
+        steps.finish(purge)
 
     with monkeypatch.context() as patch:
         patch.setattr(place, name, killed)
