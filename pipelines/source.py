@@ -8,11 +8,11 @@
 from typing import Any
 
 from kb.core.context import Run
-from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.crawl.session import replay_missing_state
 from kb.export import layouts
 from kb.filters.filter_run import check_kept, check_scorer, run_clean
+from kb.registry import PUBLISHED, SOURCES
 
 
 def tables_needs(run: Run, source: str) -> None:
@@ -22,10 +22,10 @@ def tables_needs(run: Run, source: str) -> None:
 
 def tables(run: Run, source: str) -> Summary:
     """Judge the raw answers. What the crawl gave up on only the state says."""
-    replay_missing_state(run, SOURCES[source])
+    replay_missing_state(run, source, SOURCES[source].connector)
     return check_kept(run, source, run_clean(run, source))
 
 
 def export(run: Run, source: str, format: str = "parquet", **options: Any) -> Summary:
     """Write the kept rows in a layout."""
-    return layouts.export(run, source, format, **options)
+    return layouts.export(run, PUBLISHED[source], format, **options)

@@ -5,7 +5,7 @@ rejects a data root of another profile and has replayed the same raw tail.
 """
 
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +14,6 @@ from kb.artifacts import domain_binding
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import TURNED_AWAY, Retryable
-from kb.core.source import Source
 from kb.crawl.connector import Answer, Connector, Opened
 from kb.store import lock
 from kb.store.layout import Layout
@@ -166,12 +165,12 @@ def is_state_missing(root: Path, source: str) -> bool:
     return not Layout(root).state(source).exists() and rawlog.any_answer(root, source)
 
 
-def replay_missing_state(run: Run, source: Source) -> None:
+def replay_missing_state(run: Run, source: str, make_connector: Callable[[Run], Connector]) -> None:
     """Replay a source's state from raw answers where it is missing, with one line.
 
     For commands that only need what the state says. Raises WriterLocked, DamagedData, and OSError
     where the data root can't be written.
     """
-    if is_state_missing(run.root, source.name):
-        with open_session(run, source.connector(run), online=False):
+    if is_state_missing(run.root, source):
+        with open_session(run, make_connector(run), online=False):
             pass

@@ -26,7 +26,6 @@ from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.errors import SettingError
-from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
 youtube_app = group("Collect videos and transcripts from YouTube.")
@@ -85,7 +84,6 @@ def youtube_crawl(
     """
     which = parse_part(part)
     if plan:
-        from kb.crawl.session import replay_missing_state
         from kb.youtube.plan import plan as estimate
 
         if part and not ids:
@@ -93,7 +91,7 @@ def youtube_crawl(
                 "--part has no effect on --plan without --ids",
                 hint="--plan always covers all remaining work; drop --part",
             )
-        replay_missing_state(run, SOURCES["youtube"])
+        _replay_missing_state(run, "youtube")
         return estimate(run, ids=ids, part=which)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -229,10 +227,9 @@ def wiki_crawl(
     API's folder to all crawlers; a rule that names `lorecrawl` is obeyed there too.
     """
     if plan:
-        from kb.crawl.session import replay_missing_state
         from kb.wiki.crawl.connector import plan_crawl
 
-        replay_missing_state(run, SOURCES["wiki"])
+        _replay_missing_state(run, "wiki")
         return plan_crawl(run, titles)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -295,13 +292,12 @@ def reddit_crawl(
     out of the tables too (`outside` in the summary); a later crawl with another span, or none,
     reads them.
     """
-    from kb.crawl.session import replay_missing_state
     from kb.reddit.crawl.connector import crawl
     from kb.reddit.plan import plan_crawl
 
     begin, end = parse_span(since, until)
     if plan:
-        replay_missing_state(run, SOURCES["reddit"])
+        _replay_missing_state(run, "reddit")
         return plan_crawl(run)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -416,3 +412,10 @@ def reconstruct(
         return plan_rebuild(run, ids or None, dumps or ())
     place = (out or Layout(run.root).reconstructed).absolute()
     return rebuild(run, ids or None, place, dumps=dumps or ())
+
+
+def _replay_missing_state(run: Run, source: str) -> None:
+    from kb.crawl.session import replay_missing_state
+    from kb.registry import SOURCES
+
+    replay_missing_state(run, source, SOURCES[source].connector)
