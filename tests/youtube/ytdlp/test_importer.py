@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from kb.store.rawlog import rawlog
 from kb.youtube.ytdlp.info import playlists
 from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, TrackLanguage, kind_of, language_of
 from tests.youtube.crawl.test_fetch import CRAWL
@@ -443,3 +444,29 @@ def test_a_file_is_opened_again_where_its_answer_is_lost_or_the_file_another_one
     assert job.done("youtube", "import", str(folder))["crawled"] == 1
     assert job.done("youtube", "import", str(folder))["known_files"] == 1
     assert notes.stat().st_size == len(noted) + 24
+
+
+@pytest.mark.parametrize("kind", ["own_transcripts", "ytdlp_playlists"])
+def test_what_no_crawl_can_fetch_is_to_be_imported_again(job: Job, kind: str) -> None:
+    folder = job.place / "videos"
+    key = write_video(folder, 1, ())
+    (folder / f"{key}.json").write_text(json.dumps([{"start": 0, "end": 2, "text": "a torch"}]))
+    listed = {"_type": "playlist", "id": "PL1", "title": "Farms", "extractor_key": "YoutubeTab"}
+    playlist = {**listed, "entries": [info(key)]}
+    (folder / "Farms [PL1].info.json").write_text(json.dumps(playlist))
+    words = ("youtube", "import", str(folder), "--own-transcripts", str(folder))
+    job.done(*words)
+    before = job.raw(kind)
+    assert before
+    (segment,) = rawlog.segments(job.root, "youtube", kind)
+    segment.write_bytes(segment.read_bytes()[:-3] + b"\xff\xff\xff")
+    said = job.kb("verify", "--repair")
+    assert said.returncode == 1
+    (line,) = [line for line in said.stdout.splitlines() if "set aside as" in line]
+    assert f"{kind} {segment.name}" in line
+    assert "run `kb youtube import`" in line
+    assert "youtube crawl" not in line
+    assert "`kb youtube import`" in job.stopped("youtube", "filter", code=1)
+    job.done(*words)
+    assert job.raw(kind) == before
+    job.done("youtube", "filter")
