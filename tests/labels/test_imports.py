@@ -183,7 +183,7 @@ def test_an_odd_judgement_keeps_no_other_from_being_taken(root: Path, here: Here
         "{}",
         '[{"item_id": "a", "kind": "pair", "visible": "yes"}]',  # JSON-MIN
         '[{"data": {"text": "another project"}, "annotations": []}]',
-        '[{"data": {"item_id": "a", "kind": "pair", "video_id": "b"}, "annotations": [{}]}]',
+        '[{"data": {"item_id": "a", "kind": "pot", "video_id": "b"}, "annotations": []}]',
     ],
 )
 def test_a_file_that_is_no_export_loses_nothing(root: Path, here: Here, text: str) -> None:
