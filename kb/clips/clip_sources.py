@@ -148,7 +148,8 @@ def cut(
 
     `times_s`: of the frames of each clip (`frame_times`). Clips come in the order of their ends;
     those for which the film has no picture, as it begins later or ends before, are left out. Clips
-    that overlap share the decoding, and only they are in memory together. Raises UndecodableVideo, behind the clips before the fault.
+    that overlap share the decoding, and only they are in memory together. Raises UndecodableVideo,
+    behind the clips before the fault.
     """
     clips = np.repeat(np.arange(len(times_s)), [len(one) for one in times_s])
     times = np.concatenate([*times_s, np.zeros(0)])

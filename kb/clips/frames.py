@@ -3,8 +3,9 @@
 Times are those of the film: a container whose clock begins later, as that of most `.ts` and `.mpg`
 files, has its start time added. The frame at time t is the one with the largest presentation time
 that is not after t, in ticks of the stream, so no time is rounded. In the second before the first
-frame the first one is shown; a picture that begins later than that is not there yet. Packets are read in order, and of the groups of pictures only those are decoded that
-show a wanted frame; gaps are skipped by a seek.
+frame the first one is shown; a picture that begins later than that is not there yet. Packets are
+read in order, and of the groups of pictures only those are decoded that show a wanted frame; gaps
+are skipped by a seek.
 """
 
 from __future__ import annotations
