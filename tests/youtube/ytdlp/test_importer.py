@@ -396,6 +396,27 @@ def test_what_a_track_is(
     assert kind_of(name, timed, listed) == TrackKind(*kind)
 
 
+@pytest.mark.parametrize(
+    ("name", "heard", "spoken", "kind"),
+    [
+        ("en-orig", "en-orig sv-orig", "sv", ("translated", "sv", "asr")),
+        ("en", "en-orig sv-orig", "sv", ("translated", "sv", "asr")),
+        ("en-US-orig", "en-US-orig", "pt-BR", ("translated", "pt-BR", "asr")),
+        ("sv-orig", "en-orig sv-orig", "sv", ("asr", "sv", "asr")),
+        ("en-orig", "en-orig", "en-GB", ("asr", "en", "asr")),
+        ("en-orig", "en-orig de-orig", None, ("translated", "de", "asr")),
+        ("iw-orig", "iw-orig", "he", ("asr", "iw", "asr")),
+        ("en-orig", "en-orig", "zxx", ("asr", "en", "asr")),
+    ],
+)
+def test_what_recognition_heard_in_a_dub_is_a_translation(
+    name: str, heard: str, spoken: str | None, kind: tuple[str, str, str]
+) -> None:
+    automatic = frozenset([*heard.split(), "en", "sv"])
+    listed = ListedTracks(frozenset(), automatic, spoken)
+    assert kind_of(name, True, listed) == TrackKind(*kind)
+
+
 def test_files_of_one_name_size_and_time_are_told_apart_by_their_content(job: Job) -> None:
     """Three videos in folders of their own, with subtitles that say the same and a playlist each;
     a copy of them is nothing new, wherever it lies.
