@@ -24,6 +24,7 @@ from kb.registry import SOURCES as CLASSES
 from kb.schema.tables import tables as declared
 from kb.store import lock
 from kb.store.layout import TOP, VERDICTS, Layout, parquet_files
+from kb.store.rawlog import rawlog
 from kb.store.tables import parquet, reading
 from kb.store.tables.row_counts import rows, span, tally
 from kb.store.walk import files_below
@@ -120,7 +121,8 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     clean = {one: Layout(run.root).clean(source, one) for one in (*own, *VERDICTS)}
     tables = _in_order({one: rows(path) for one, path in clean.items() if parquet_files(path)})
     released, restored = (_schema_rows(catalog, one, source) for one in ("release", "restored"))
-    if not (state.exists() or tables or released or restored):
+    has_raw = rawlog.any_answer(run.root, source)
+    if not (state.exists() or has_raw or tables or released or restored):
         return {}
     pid = lock.holders(run.root).get(source, "")
     about: dict[str, Any] = {
@@ -129,6 +131,7 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         if of.credential and getattr(run.settings, of.credential) is None
         else "",
         "counted": of.counted,
+        "unread": has_raw and not (state.exists() or tables),
         "phases": {},
         "failures": {},
         "left_by": {},

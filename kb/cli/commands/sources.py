@@ -5,7 +5,11 @@ The pattern for every group: a command is a name, options, examples and one call
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,8 +29,37 @@ from kb.cli.framework.options import (
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
-from kb.core.errors import SettingError
+from kb.core.errors import FatalError, SettingError, UsageError
 from kb.core.summary import Summary
+
+
+@contextmanager
+def _importing(
+    run: Run, given: Sequence[Path], other: str, is_other: Callable[[Path], bool]
+) -> Iterator[None]:
+    """Around an import. When it fails, files of the `other` source are told their command, and a
+    data root that was begun for it goes.
+    """
+    from kb.artifacts.data_roots import is_root
+    from kb.core.sources import SOURCES
+    from kb.store import lock
+    from kb.store.rawlog import rawlog
+
+    existed, had_data = run.root.exists(), is_root(run.root)
+    try:
+        yield
+    except (UsageError, FatalError) as error:
+        if wrong := next(filter(is_other, given), None):
+            error.hint = f"run `kb {other} import {wrong}`, which reads what is there"
+        answered = any(rawlog.any_answer(run.root, source) for source in SOURCES)
+        if not (had_data or answered or lock.holders(run.root)):
+            for name in ("raw", "state"):
+                shutil.rmtree(run.root / name, ignore_errors=True)
+            if not existed:
+                with suppress(OSError):  # somebody else has put something there
+                    run.root.rmdir()
+        raise
+
 
 youtube_app = group("Collect videos and transcripts from YouTube.")
 
@@ -140,9 +173,12 @@ def youtube_import(
     files don't contain stay null and are listed at the end. The files lack YouTube's game label, so
     keywords alone decide the topic.
     """
+    from kb.reddit.dumps.files import holds_dump
     from kb.youtube.ytdlp.importer import import_folders, unfilled_columns
 
-    summary = import_folders(run, folders or (), own_transcripts or ())
+    given = [*(folders or ()), *(own_transcripts or ())]
+    with _importing(run, given, "reddit", partial(holds_dump, root=run.root)):
+        summary = import_folders(run, folders or (), own_transcripts or ())
     for line in unfilled_columns(summary):
         typer.echo(line)
     return summary
@@ -343,9 +379,11 @@ def reddit_import(
     a folder that are not dumps. After an interruption the same command resumes.
     """
     from kb.reddit.crawl.importer import import_dumps
+    from kb.youtube.ytdlp.info import holds_info
 
     begin, end = parse_span(since, until)
-    return import_dumps(run, files, since=begin, until=end)
+    with _importing(run, files, "youtube", holds_info):
+        return import_dumps(run, files, since=begin, until=end)
 
 
 add_filter(reddit_app, "reddit")
