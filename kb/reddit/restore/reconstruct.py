@@ -15,6 +15,8 @@ was in flight; then kb.artifacts.restore adds them to the tables of earlier runs
 It is also the job of `kb restore` for released folders of Reddit.
 """
 
+from __future__ import annotations
+
 import hashlib
 import math
 import shutil
@@ -51,7 +53,7 @@ from kb.reddit.crawl.subreddit import INFO, MORE, THREAD, TREE
 from kb.reddit.dumps.cursor import recover_segments
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.dumps.import_file import ImportJob
-from kb.reddit.dumps.known_dumps import sampled_name
+from kb.reddit.dumps.known_dumps import samples_of
 from kb.reddit.dumps.search import write_index
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.plan import plan_rebuild
@@ -244,25 +246,32 @@ def rebuild(
         require(run, without=WITHOUT_KEY)
     wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, removed)
+    work = out / f"{WORK}-{digest}"
     tables.check_place(out)
     with _writer(run.root, out):
         for name in (tables.DONE, MISSING):
             leftovers.remove_temporary(out / name)  # of a killed run
         tables.folder_of(out).settle()
-        done, work = _load(out), out / f"{WORK}-{digest}"
+        done = _load(out)
         if digest in done.answered and not run.again:
             shutil.rmtree(work, ignore_errors=True)
             state = "these dumps are already read" if dumps else "every id is already answered"
             run.progress.say(f"{out}: {state}; --again reads them again")
             return Summary(**{**done.answered[digest], **_counts(out, done), "requests": 0})
-        stale = _is_stale(work, done)
         removed = {*removed, *tombstones.keys(run.root, "reddit")}
-        people = tombstones.people(run.root, "reddit")
-        answers = tables.Answers(work, wanted, {}, released(sources), stale, removed, people)
+        answers = tables.Answers(
+            work,
+            wanted,
+            released(sources),
+            stale=bool(dumps) or _is_stale(work, done),
+            purged=removed,
+            people=tombstones.people(run.root, "reddit"),
+            otherwise=NOT_IN_DUMPS if dumps else "missing",
+        )
         if dumps:
-            subreddit = "" if wanted.trees else subreddit_of(sources)
-            summary = _read_dumps(run, wanted, dumps, work, removed, subreddit)
-            answers = answers._replace(stale=True, otherwise=NOT_IN_DUMPS)
+            summary = _read_dumps(
+                run, answers, dumps, "" if wanted.trees else subreddit_of(sources)
+            )
         else:
             source = KnownIds(run, wanted)
             summary = job.work(
@@ -271,20 +280,31 @@ def rebuild(
             answers = answers._replace(unanswered=unanswered(Layout(work).state("reddit")))
         if wanted.bad_lines:
             summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
-        try:
-            done.answered.pop(digest, None)
-            done.counts = tables.write(answers, out, run.profile.section(RedditSection).links)
-            done.writes += 1
-            summary |= _counts(out, done)
-        except KbError as error:
-            error.summary = summary
-            raise
-        write_bytes(work / _SINCE, str(done.writes).encode())
-        if not summary["failed"]:
-            done.answered[digest] = dict(summary)
-        write_bytes(out / tables.DONE, msgspec.json.encode(done))
-        if not summary["failed"]:
-            shutil.rmtree(work)
+        return _add(run, answers, out, summary, done, digest)
+
+
+def _add(
+    run: Run, answers: tables.Answers, out: Path, summary: Summary, done: Done, digest: str
+) -> Summary:
+    """Add all answers to the tables, and note that this list is answered; `summary` with the counts
+    of the tables. What failed keeps its work folder: the next run asks for it alone.
+    """
+    complete = not summary["failed"]
+    try:
+        links = run.profile.section(RedditSection).links
+        done.counts = tables.add_answers(answers, out, links)
+        done.writes += 1
+        summary |= _counts(out, done)
+    except KbError as error:
+        error.summary = summary
+        raise
+    write_bytes(answers.work / _SINCE, str(done.writes).encode())
+    done.answered.pop(digest, None)
+    if complete:
+        done.answered[digest] = dict(summary)
+    write_bytes(out / tables.DONE, msgspec.json.encode(done))
+    if complete:
+        shutil.rmtree(answers.work)
     return summary
 
 
@@ -338,22 +358,18 @@ def _digest(wanted: WantedThings, dumps: Sequence[Path], removed: Collection[str
     """Identifies what is wanted, from which dumps, and without which names."""
     if not dumps and not removed:
         return wanted.digest()
-    names = [*sorted(sampled_name(file, 0.0, math.inf) for file in dumps), *sorted(removed)]
+    names = [*sorted(samples_of(file) for file in dumps), *sorted(removed)]
     return hashlib.sha256(" ".join([wanted.digest(), *names]).encode()).hexdigest()[:16]
 
 
 def _read_dumps(
-    run: Run,
-    wanted: WantedThings,
-    dumps: Sequence[Path],
-    work: Path,
-    removed: Collection[str],
-    subreddit: str,
+    run: Run, answers: tables.Answers, dumps: Sequence[Path], subreddit: str
 ) -> Summary:
     """Wanted records of the dumps → raw answers in the work folder, as an import writes them.
 
     `subreddit` is that of all ids, "" where it is unknown.
     """
+    work, wanted = answers.work, answers.wanted
     ids, notes = work / "ids", Layout(work).importing("reddit")
     if run.again and not notes.exists():
         run = replace(run, again=False)  # nothing was read yet that could be read anew
@@ -361,7 +377,7 @@ def _read_dumps(
     load_key(run.root)
     if not ids.is_dir():
         with run.progress.task("ids", unit="steps"):
-            write_index(wanted.names, wanted.trees, ids, removed)
+            write_index(wanted.names, wanted.trees, ids, answers.purged)
     room, home = run.limit or 0, str(run.root)
     job_ = ImportJob(str(work), "", subreddit, 0.0, math.inf, room, ids=str(ids), home=home)
     try:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from datetime import datetime
 from functools import partial
 from itertools import chain
@@ -77,15 +77,15 @@ class Answers(NamedTuple):
 
     work: Path
     wanted: WantedThings
-    unanswered: dict[str, str]
     released: Released
     stale: bool = False
     purged: Collection[str] = ()
     people: Collection[str] = ()
     otherwise: str = "missing"
+    unanswered: Mapping[str, str] = {}
 
 
-def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
+def add_answers(answers: Answers, out: Path, links: Links) -> dict[str, int]:
     """Add the answers to the tables below `out`; rows of each. Raises DamagedData, DiskFull."""
     wanted, work, folder = answers.wanted, answers.work, folder_of(out)
     buckets = folder.buckets(len(wanted.names) + 50 * len(wanted.trees))
