@@ -101,7 +101,7 @@ class IdRules:
     files: str = ""
     is_unmistakable: Callable[[str], bool] | None = None
 
-    def read(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
+    def ids_in(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
         """All ids of a list. `say` gets one line when some entries are not ids.
 
         Raises SettingError.
@@ -124,11 +124,11 @@ class IdRules:
             say(f"{self.option} {path}: {what}")
         return IdList(list(keys), frozenset(numbers), bad, tuple(unread))
 
-    def read_some(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
+    def some_ids_in(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
         """The same for a command that has nothing to do without one. Raises SettingError also when
         there is none.
         """
-        listed = self.read(path, say)
+        listed = self.ids_in(path, say)
         if not listed.keys:
             first = _first_line(path) or "".join(listed.unread[:1])
             begins = f"; it begins with {first[:60]!r}" if first else ""
@@ -152,9 +152,13 @@ class IdRules:
 
     def known(self, names: Iterable[Any]) -> list[Column]:
         """Those of the names that are names of the rules, best first."""
-        folded = [(_fold(name), name) for name in names]
-        known = ((one, _fold(one)) for one in self.columns)
-        return [Column(name, one) for one, own in known for each, name in folded if each == own]
+        given = [(_fold(name), name) for name in names]
+        return [
+            Column(name, column)
+            for column in self.columns
+            for folded, name in given
+            if folded == _fold(column)
+        ]
 
     def id_column(self, names: Iterable[Any], rows: Sequence[Mapping[Any, Any]]) -> Any:
         """The column of which most rows hold ids, some of them unmistakable; None if it is not half
@@ -170,10 +174,10 @@ class IdRules:
 
     def ids_among(self, values: Iterable[Any]) -> int:
         """How many values are ids; 0 if each of them could be a word."""
-        texts = [one for one in values if isinstance(one, str)]
+        texts = [text for text in values if isinstance(text, str)]
         if self.is_unmistakable is None or not any(map(self.is_unmistakable, texts)):
             return 0
-        return sum(self.parse(ListedId(one)) is not None for one in texts)
+        return sum(self.parse(ListedId(text)) is not None for text in texts)
 
     def column_of(self, names: Sequence[Any], rows: Sequence[Mapping[Any, Any]]) -> Column | None:
         """The column of a table that has the ids, by its name, or else by values of some rows."""
@@ -215,7 +219,7 @@ def files_of(path: Path, rules: IdRules) -> list[Path]:
     if rules.files:
         listed = sorted(path.glob(rules.files))
         visible = [
-            one for one in listed if not any(p[:1] == "." for p in one.relative_to(path).parts)
+            file for file in listed if not any(p[:1] == "." for p in file.relative_to(path).parts)
         ]
         if visible:
             return visible
@@ -378,11 +382,13 @@ def _of_record(value: Any, rules: IdRules, id_column: Any = None) -> Iterator[Li
         yield from _of_record(value[holder], rules)
     elif (entry := _by_name(value, rules)) is not None:
         yield entry
-    elif lists := [one for one in value.values() if _is_records(one)]:
-        for one in lists:
-            yield from _of_records(one, rules)
-    elif named := [one for one in (value, *value.values()) if _are_ids(one, rules)]:
-        yield from (ListedId(key, "[]") for one in named for key in one)  # {id: …}, {"ids": [id]}
+    elif lists := [records for records in value.values() if _is_records(records)]:
+        for records in lists:
+            yield from _of_records(records, rules)
+    elif named := [group for group in (value, *value.values()) if _are_ids(group, rules)]:
+        yield from (
+            ListedId(key, "[]") for group in named for key in group
+        )  # {id: …}, {"ids": [id]}
     else:
         yield ListedId(value.get(id_column), "", value)
 
@@ -412,7 +418,11 @@ def _are_ids(value: Any, rules: IdRules) -> bool:
 
 
 def _is_records(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(one, dict) for one in value)
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and all(isinstance(record, dict) for record in value)
+    )
 
 
 def _is_clips(value: Any) -> bool:

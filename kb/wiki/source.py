@@ -170,7 +170,9 @@ class Wiki(Source):
 
     def place_of(self, url: SplitResult) -> tuple[str, str] | None:
         """The URL of the page, without its revision, and the section."""
-        kept = "&".join(one for one in url.query.split("&") if not one.startswith("oldid="))
+        kept = "&".join(
+            parameter for parameter in url.query.split("&") if not parameter.startswith("oldid=")
+        )
         return urlunsplit(url._replace(query=kept, fragment="")), url.fragment
 
     def figures(self) -> Sequence[FigureMaker]:

@@ -274,7 +274,7 @@ def _programs(run: Run) -> Iterator[Line]:
         from kb.wiki.browser import chromium
 
         try:
-            programs = chromium.find()
+            programs = chromium.find_programs()
             yield OK, "browser", f"{programs.browser} with {programs.driver}", ""
         except MissingExtra as error:
             yield PROBLEM, "browser", str(error), error.hint

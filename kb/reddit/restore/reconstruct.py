@@ -325,7 +325,7 @@ def _load(out: Path) -> Done:
     except (OSError, msgspec.DecodeError):
         return Done()
     try:
-        names = [one.declared.short for one in tables.TABLES]
+        names = [table.declared.short for table in tables.TABLES]
         missing = parquet.footer(out / MISSING).num_rows
         counts = tables.folder_of(out).counts() | {MISSING: missing}
         if counts == done.counts and all(parquet_files(out / name) for name in names):
@@ -396,8 +396,8 @@ def _of_dumps(summary: Mapping[str, Any]) -> Summary:
 def _counts(out: Path, done: Done) -> dict[str, int]:
     """Rows of the tables now; what failed is not `missing`, as the next run asks for it."""
     reasons = tables.folder_of(out).missing().values()
-    failed = sum(one.reason == FAILED for one in reasons)
-    counts = {one.declared.short: done.counts[one.declared.short] for one in tables.TABLES}
+    failed = sum(reason.reason == FAILED for reason in reasons)
+    counts = {table.declared.short: done.counts[table.declared.short] for table in tables.TABLES}
     return {**counts, "missing": done.counts[MISSING] - failed}
 
 
@@ -428,9 +428,9 @@ class ThreadRestore:
             return PlanPart()
         key = f"Reddit, {self.run.settings.named('reddit_client_id')}"
         summary = plan_rebuild(self.run, self._folders(), self.dumps)
-        phases = [PlanPhase(**one) for one in summary["phases"]]
+        phases = [PlanPhase(**phase) for phase in summary["phases"]]
         whom = "dumps, no key" if self.dumps else key
-        return PlanPart([one.of(whom) for one in phases], [str(summary["assumed"])])
+        return PlanPart([phase.of(whom) for phase in phases], [str(summary["assumed"])])
 
     def restore(self) -> Summary:
         """As `RestoreJob.restore`. Raises as `rebuild`."""
@@ -449,4 +449,4 @@ class ThreadRestore:
         return pa.table({"source": sources, "part": parts, "key": keys, "reason": reasons})
 
     def _folders(self) -> list[Path]:
-        return [one.path for one in self.content.of("reddit")]
+        return [folder.path for folder in self.content.of("reddit")]

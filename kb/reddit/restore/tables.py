@@ -54,7 +54,7 @@ def check_place(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise SettingError(f"--out {out} is not a folder", hint="give a folder")
     ours = (out / DONE).exists() or (out / MISSING).exists() or any(out.glob(f"{WORK}-*"))
-    for place in (out / one.declared.short for one in TABLES):
+    for place in (out / table.declared.short for table in TABLES):
         if place.is_dir() and not place.is_symlink():
             entries = sorted(place.iterdir())
         else:
@@ -135,9 +135,9 @@ def _answered(scratch: Path, number: int, answers: Answers) -> dict[str, Missing
     if not answered:
         return reasons
     made = assemble(answered)
-    for one in TABLES:
-        rows = _complete(made[one.name], one.declared, reasons)
-        if one.declared.short == "posts":
+    for table in TABLES:
+        rows = _complete(made[table.name], table.declared, reasons)
+        if table.declared.short == "posts":
             # Nobody read the tree of a post that was asked for by its id alone.
             trees = pc.is_in(rows["post_id"], pa.array(answers.wanted.trees, pa.string()))
             unread = pc.if_else(trees, rows["comments_unread"], pa.scalar(None, pa.int64()))
@@ -147,7 +147,7 @@ def _answered(scratch: Path, number: int, answers: Answers) -> dict[str, Missing
             rows = _filled(rows, "comment_id", "depth", answers.released.depths)
             posts = [name[3:] for name in answers.purged if name.startswith("t3_")]
             rows = rows.filter(pc.invert(pc.is_in(rows["post_id"], pa.array(posts, pa.string()))))
-        path = fresh_rows(scratch, number, one.declared.short)
+        path = fresh_rows(scratch, number, table.declared.short)
         with pa.ipc.new_file(str(path), rows.schema) as file:
             file.write_table(rows)
     return reasons

@@ -38,7 +38,7 @@ class Programs:
     driver: str
 
 
-def find() -> Programs:
+def find_programs() -> Programs:
     """The browser and a driver of the same major version. Raises MissingExtra (exit 2)."""
     try:
         import PIL  # noqa: F401

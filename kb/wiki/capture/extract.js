@@ -290,8 +290,9 @@ function fileOf(img) {
     ? link.href : null;
 }
 function picture(img) {
-  const src = img.currentSrc || img.src, isPage = src.split("#")[0] === location.href.split("#")[0];  // as of src=""
-  return { src: src && !isPage ? src : null, alt: sound(img.getAttribute("alt")), file: fileOf(img),
+  // What leads to the page itself, as src="" and src="#" do, is no picture.
+  const src = img.currentSrc || img.src, page = (address) => address.replace(/\??(#.*)?$/, "");
+  return { src: src && page(src) !== page(location.href) ? src : null, alt: sound(img.getAttribute("alt")), file: fileOf(img),
     natural: [img.naturalWidth, img.naturalHeight], loaded: img.complete && img.naturalWidth > 0 };
 }
 function nameOf(e) {

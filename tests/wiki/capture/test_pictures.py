@@ -47,7 +47,7 @@ def test_a_picture_that_waits_is_loaded(pages, look):
 
 
 def test_a_picture_without_an_address_is_no_picture(pages, look):
-    addresses = ("src=''", "src=' '", "src='#'", "", "srcset=''", "src='' alt=Kiln")
+    addresses = ("src=''", "src=' '", "src='#'", "src='?'", "", "srcset=''", "src='' alt=Kiln")
     body = "".join(f"<p>Kiln <img {address}></p>" for address in addresses)
     body += "<img src='/none.png' alt=Ore>"
     url = pages.put("/shown/nowhere", f"<!DOCTYPE html><body><div id=content>{body}</div>")
