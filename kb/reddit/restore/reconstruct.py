@@ -138,7 +138,6 @@ def unanswered(state: Path) -> dict[str, str]:
 
 
 LOCK = ".lock"  # in a folder of tables outside of the data root: one run at a time adds to them
-_SINCE = "writes"  # in a work folder: how often the tables had been written when it began
 NOT_IN_DUMPS = "not in these dumps"
 WITHOUT_KEY = "archive dumps need no key: --dumps FILE…"
 
@@ -263,7 +262,6 @@ def rebuild(
             work,
             wanted,
             released(sources),
-            stale=bool(dumps) or _is_stale(work, done),
             purged=removed,
             people=tombstones.people(run.root, "reddit"),
             otherwise=NOT_IN_DUMPS if dumps else "missing",
@@ -293,12 +291,10 @@ def _add(
     try:
         links = run.profile.section(RedditSection).links
         done.counts = tables.add_answers(answers, out, links)
-        done.writes += 1
         summary |= _counts(out, done)
     except KbError as error:
         error.summary = summary
         raise
-    write_bytes(answers.work / _SINCE, str(done.writes).encode())
     done.answered.pop(digest, None)
     if complete:
         done.answered[digest] = dict(summary)
@@ -309,13 +305,10 @@ def _add(
 
 
 class Done(msgspec.Struct):
-    """What .done.json says: the summary of each list of ids by its digest, rows of the tables, and
-    how often they were written.
-    """
+    """What .done.json says: the summary of each list of ids by its digest, and rows of tables."""
 
     answered: dict[str, dict[str, Any]] = {}
     counts: dict[str, int] = {}
-    writes: int = 0
 
 
 def _load(out: Path) -> Done:
@@ -332,16 +325,7 @@ def _load(out: Path) -> Done:
             return done
     except (OSError, ValueError, DamagedData):
         pass
-    return Done(writes=done.writes)
-
-
-def _is_stale(work: Path, done: Done) -> bool:
-    """Whether other runs have written to the tables since this work folder began."""
-    path = work / _SINCE
-    if not path.exists():
-        write_bytes(path, str(done.writes).encode())
-        return False
-    return path.read_text() != str(done.writes)
+    return Done()
 
 
 def _writer(root: Path, out: Path) -> AbstractContextManager[None]:

@@ -27,6 +27,7 @@ from kb.artifacts.restore import (
     RestoreFolder,
     fresh_rows,
 )
+from kb.core import clock
 from kb.core.config.profile.collecting import Links
 from kb.core.errors import SettingError
 from kb.reddit.crawl.ids import Released, WantedThings
@@ -70,7 +71,6 @@ def check_place(out: Path) -> None:
 class Answers(NamedTuple):
     """What one run has: `unanswered` full name → reason; `released` fills in what no answer says.
 
-    `stale`: other runs may have written newer rows than these answers, as always with dumps.
     `purged` are tombstones, `people` stands for authors who asked to be left out. `otherwise` is
     the reason of names that no answer mentions.
     """
@@ -78,7 +78,6 @@ class Answers(NamedTuple):
     work: Path
     wanted: WantedThings
     released: Released
-    stale: bool = False
     purged: Collection[str] = ()
     people: Collection[str] = ()
     otherwise: str = "missing"
@@ -86,7 +85,9 @@ class Answers(NamedTuple):
 
 
 def add_answers(answers: Answers, out: Path, links: Links) -> dict[str, int]:
-    """Add the answers to the tables below `out`; rows of each. Raises DamagedData, DiskFull."""
+    """Add the answers to the tables below `out`; rows of each. Other runs may have written newer
+    rows meanwhile: times decide. Raises DamagedData, DiskFull.
+    """
     wanted, work, folder = answers.wanted, answers.work, folder_of(out)
     buckets = folder.buckets(len(wanted.names) + 50 * len(wanted.trees))
     scratch = work / "rows"
@@ -94,7 +95,8 @@ def add_answers(answers: Answers, out: Path, links: Links) -> dict[str, int]:
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         _partition(work, scratch, buckets, links)
-        reasons = {key: MissingReason(reason) for key, reason in answers.unanswered.items()}
+        now = clock.now()
+        reasons = {key: MissingReason(reason, now) for key, reason in answers.unanswered.items()}
         for number in range(buckets):
             reasons |= _answered(scratch, number, answers)
         reasons |= dict.fromkeys(answers.purged, MissingReason(PURGED, FOREVER))
@@ -103,7 +105,7 @@ def add_answers(answers: Answers, out: Path, links: Links) -> dict[str, int]:
             buckets,
             reasons,
             chain(wanted.names, (f"t3_{key}" for key in wanted.trees)),
-            newer=not answers.stale,
+            newer=False,
             unlisted=answers.purged,
             otherwise=answers.otherwise,
             finish=partial(_finished, people=pa.array(sorted(answers.people), pa.string())),
