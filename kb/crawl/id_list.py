@@ -220,8 +220,9 @@ def column_of(path: Path, option: str, columns: Sequence[str]) -> str:
     names = pq.read_schema(path).names
     column = next((name for name in columns if name in names), None)
     if column is None:
-        what = f"{option} {path} has no column {' or '.join(columns)}"
-        raise SettingError(f"{what}; it has {', '.join(names)}")
+        raise SettingError(
+            f"{option} {path} has no column {' or '.join(columns)}; it has {', '.join(names)}"
+        )
     return column
 
 

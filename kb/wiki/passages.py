@@ -20,7 +20,7 @@ from kb.store.tables.merge import RowsByKey
 _PAGE = ["page_id", "title", "url", "revision_id", "revision_timestamp", "license"]
 _ELEMENT = ["page_id", "element_id", "parent_id", "kind", "tag", "region", "heading_level"]
 _CELL = ["page_id", "table_id", "row_index", "column_index", "text"]
-LEFT_OUT = ("toc", "navbox")
+_LEFT_OUT = ("toc", "navbox")
 _ANCHOR = "!$'()*,-./:;=?@_~"  # what a fragment may hold as it is
 
 
@@ -72,9 +72,7 @@ def sections(
     for element in elements:
         key, text = element["element_id"], plain(element["text"]).strip()
         inside = element["parent_id"] in taken
-        left_out = element["region"] in LEFT_OUT or not (
-            element["visible"] or element.get("folded")
-        )
+        left_out = is_left_out(element)
         if inside or left_out:
             taken.add(key)
         if left_out:
@@ -105,6 +103,11 @@ def sections(
             section = _begun(headings, anchors)
             section.elements.append(key)
     yield section
+
+
+def is_left_out(element: dict[str, Any]) -> bool:
+    """Whether an element is no part of a page's text: boxes of links, and what it never shows."""
+    return element["region"] in _LEFT_OUT or not (element["visible"] or element.get("folded"))
 
 
 def _begun(headings: list[tuple[int, str]], anchors: Counter[str]) -> PageSection:

@@ -23,7 +23,7 @@ from kb.export.text import TextDocument, TextPiece
 from kb.schema.tables import table
 from kb.store.tables.merge import Merge, RowsByKey
 from kb.store.tables.shard_writer import order
-from kb.wiki.passages import LEFT_OUT
+from kb.wiki.passages import is_left_out
 
 Row = dict[str, Any]
 Grid = list[list[str]]
@@ -126,7 +126,7 @@ class PageText:
     def _blocks(self, elements: Iterable[Row]) -> Iterator[TextPiece]:
         waiting: list[Row] = []  # of an infobox without a table, or icons in a row
         for element in elements:
-            if _is_left_out(element):
+            if is_left_out(element):
                 continue
             kind = _gathered(element)
             if waiting and kind != _gathered(waiting[0]):
@@ -157,7 +157,7 @@ class PageText:
     def _inside(self, holder: Row) -> Iterator[TextPiece]:
         """Tables and recipes within a text or a cell, which its words leave out."""
         for element in self._children.get(holder["element_id"], ()):
-            if _is_left_out(element):
+            if is_left_out(element):
                 continue
             if element["kind"] == "table":
                 yield from self._table(element)
@@ -224,7 +224,7 @@ class PageText:
 
     def _nearest(self, element: Row, tags: Sequence[str]) -> Iterator[Row]:
         for child in self._children.get(element["element_id"], ()):
-            if child["kind"] != "text" or _is_left_out(child) or not child["text"]:
+            if child["kind"] != "text" or is_left_out(child) or not child["text"]:
                 continue
             if child["tag"] in tags:
                 yield child
@@ -236,7 +236,7 @@ class PageText:
     def _table(self, element: Row) -> Iterator[TextPiece]:
         children = self._children.get(element["element_id"], ())
         for child in children:
-            if child["kind"] == "text" and child["tag"] == "caption" and not _is_left_out(child):
+            if child["kind"] == "text" and child["tag"] == "caption" and not is_left_out(child):
                 yield from self._text(child)
         grid = self._grid(element["element_id"])
         if any(map(any, grid)):
@@ -254,7 +254,7 @@ class PageText:
         shown = set[int]()
         for cell in cells:
             element = self._elements.get(cell["element_id"])
-            if element is not None and _is_left_out(element):
+            if element is not None and is_left_out(element):
                 continue
             words = self._cell(cell, element)
             for row in range(cell["row_index"], cell["row_index"] + cell["row_span"]):
@@ -336,10 +336,6 @@ class PageText:
             yield TextPiece(_markdown([[" / ".join(names) for names in row] for row in rows]))
         if any(made.values()):
             yield TextPiece("→ " + ", ".join(" / ".join(names) for names in made.values() if names))
-
-
-def _is_left_out(element: Row) -> bool:
-    return element["region"] in LEFT_OUT or not (element["visible"] or element["folded"])
 
 
 def _gathered(element: Row) -> str:
