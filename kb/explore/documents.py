@@ -138,14 +138,16 @@ def _kept(
     page.address = document.parts[0].url
     if page.kind == "video" and place.at:
         page.around_caption = _around_caption(
-            opened, key, document.parts[page.here].text, float(place.at)
+            opened, of.name, key, document.parts[page.here].text, float(place.at)
         )
     return page
 
 
-def _around_caption(opened: OpenTables, key: str, text: str, second: float) -> tuple[str, str, str]:
+def _around_caption(
+    opened: OpenTables, source: str, key: str, text: str, second: float
+) -> tuple[str, str, str]:
     """The text of a part before the caption of a second, the caption, and the text behind it."""
-    row = first_row(opened, "youtube_transcripts", "video_id = ?", [key]) or {}
+    row = first_row(opened, f"{source}_transcripts", "video_id = ?", [key]) or {}
     cues = [cue for cue in row.get("cues") or () if int(cue["start_s"]) <= second]
     caption = " ".join(plain(cues[-1]["text"]).split()) if cues else ""
     if not caption or caption not in text:

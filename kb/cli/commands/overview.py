@@ -15,9 +15,11 @@ from kb.artifacts import freshness
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
 from kb.core import clock
+from kb.core.errors import WriterLocked
 from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
 from kb.crawl.job import STOPPED
+from kb.crawl.session import replay_missing_state
 from kb.registry import SOURCES as CLASSES
 from kb.schema.tables import tables as declared
 from kb.store import lock
@@ -64,6 +66,8 @@ _LEFT = ("todo", "in_progress")  # failed items are counted separately, as in a 
 def overview(run: Run) -> dict[str, Any]:
     """Facts about the data root: by source, disk use in bytes by folder, next commands."""
     catalog = Catalog(run.root)
+    if run.profile.path != Path() and not catalog.is_download:
+        _replay_missing_states(run)
     sources = {source: about for source in SOURCES if (about := _source(run, source, catalog))}
     links = _schema_rows(catalog, "links", "links")
     stale = []
@@ -94,6 +98,19 @@ def overview(run: Run) -> dict[str, Any]:
         "stale": stale,
         "next": next_steps(sources, stale) if collected or stale else [],
     }
+
+
+def _replay_missing_states(run: Run) -> None:
+    for name, source in CLASSES.items():
+        try:
+            replay_missing_state(run, name, source.connector)
+        except WriterLocked:
+            continue  # another command is at it
+        except OSError as error:
+            run.progress.say(
+                f"{name}: its state is missing, and {run.root} can't be written"
+                f" ({error.strerror}); run `kb {name} filter` as a user who may write there"
+            )
 
 
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:

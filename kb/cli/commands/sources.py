@@ -91,6 +91,7 @@ def youtube_crawl(
                 "--part has no effect on --plan without --ids",
                 hint="--plan always covers all remaining work; drop --part",
             )
+        _replay_missing_state(run, "youtube")
         return estimate(run, ids=ids, part=which)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -228,6 +229,7 @@ def wiki_crawl(
     if plan:
         from kb.wiki.crawl.connector import plan_crawl
 
+        _replay_missing_state(run, "wiki")
         return plan_crawl(run, titles)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -295,6 +297,7 @@ def reddit_crawl(
 
     begin, end = parse_span(since, until)
     if plan:
+        _replay_missing_state(run, "reddit")
         return plan_crawl(run)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -409,3 +412,10 @@ def reconstruct(
         return plan_rebuild(run, ids or None, dumps or ())
     place = (out or Layout(run.root).reconstructed).absolute()
     return rebuild(run, ids or None, place, dumps=dumps or ())
+
+
+def _replay_missing_state(run: Run, source: str) -> None:
+    from kb.crawl.session import replay_missing_state
+    from kb.registry import SOURCES
+
+    replay_missing_state(run, source, SOURCES[source].connector)

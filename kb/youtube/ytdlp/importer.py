@@ -73,6 +73,9 @@ def import_folders(
         work = _Import(run, session)
         try:
             work.read(folders, own_transcripts)
+            for kind, read in ((RAW_PLAYLISTS, folders), (RAW_OWN, own_transcripts)):
+                if read:
+                    session.frontier.forget_lost(kind)
         except KbError as error:
             error.summary = work.summary()
             raise
