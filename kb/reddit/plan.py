@@ -54,7 +54,7 @@ def plan_crawl(run: Run) -> Summary:
     size = BYTES_A_POST
     if done:
         segments = rawlog.segments(run.root, "reddit", "comments")
-        size = max(1, sum(one.stat().st_size for one in segments) // done)
+        size = max(1, sum(segment.stat().st_size for segment in segments) // done)
     elif posts:
         assumed.append(f"{REQUESTS_A_POST:g} requests and {BYTES_A_POST // 1000} kB a post")
     asked = round(posts * each) + math.ceil(to_read(kinds, "more") / IDS)

@@ -358,9 +358,9 @@ def records_of(value: dict[str, Any]) -> Iterable[dict[str, Any]]:
     if "subreddit" in value or not isinstance(data, (dict, list)):
         return (value,)
     if isinstance(data, list):
-        return [one for one in data if isinstance(one, dict)]
+        return [thing for thing in data if isinstance(thing, dict)]
     inner = (thing.data for thing in answer_tree.things(value) if thing.kind != "more")
-    return [{**one, "replies": ""} if "replies" in one else one for one in inner]
+    return [{**record, "replies": ""} if "replies" in record else record for record in inner]
 
 
 def _is_deeper(value: Any, levels: int) -> bool:
