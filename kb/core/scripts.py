@@ -1,0 +1,23 @@
+"""Scripts that put no spaces between words: there each sign counts as a word, for whoever counts,
+looks for, or cuts words.
+"""
+
+import re
+
+# Thai, Lao, Myanmar, Khmer, Tai, kana, Han; in brackets of a pattern, in Python and in tantivy.
+UNSPACED = (
+    "\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff\u1950-\u19ff\u1a20-\u1aaf\u3005-\u3007\u3041-\u30ff"
+    "\u31f0-\u31ff\u3400-\u4dbf\u4e00-\u9fff\ua9e0-\ua9ff\uaa60-\uaa7f\uf900-\ufaff\uff66-\uff9f"
+    "\U0001b000-\U0001b16f\U00020000-\U0003ffff"
+)
+_SIGN = re.compile(f"[{UNSPACED}]")
+
+
+def spaced(text: str) -> str:
+    """The text with a space on both sides of each sign of such a script."""
+    return text if text.isascii() else _SIGN.sub(r" \g<0> ", text)
+
+
+def words(text: str) -> list[str]:
+    """The words between spaces, and each sign of such a script."""
+    return spaced(text).split()
