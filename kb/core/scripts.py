@@ -10,14 +10,20 @@ UNSPACED = (
     "\u31f0-\u31ff\u3400-\u4dbf\u4e00-\u9fff\ua9e0-\ua9ff\uaa60-\uaa7f\uf900-\ufaff\uff66-\uff9f"
     "\U0001b000-\U0001b16f\U00020000-\U0003ffff"
 )
-_SIGN = re.compile(f"[{UNSPACED}]")
-
-
-def spaced(text: str) -> str:
-    """The text with a space on both sides of each sign of such a script."""
-    return text if text.isascii() else _SIGN.sub(r" \g<0> ", text)
+_WORD = re.compile(rf"[{UNSPACED}]|[^\s{UNSPACED}]+")
 
 
 def words(text: str) -> list[str]:
     """The words between spaces, and each sign of such a script."""
-    return spaced(text).split()
+    return text.split() if text.isascii() else _WORD.findall(text)
+
+
+def parts(text: str, most: int) -> list[tuple[str, int]]:
+    """The text in parts of at most so many words, with their numbers of words; () without any."""
+    if text.isascii():
+        found = text.split()
+        cut = (found[at : at + most] for at in range(0, len(found), most))
+        return [(" ".join(some), len(some)) for some in cut]
+    spans = [match.span() for match in _WORD.finditer(text)]
+    cut_spans = (spans[at : at + most] for at in range(0, len(spans), most))
+    return [(" ".join(text[some[0][0] : some[-1][1]].split()), len(some)) for some in cut_spans]

@@ -199,7 +199,8 @@ def _chunks(title: str, pieces: Iterable[TextPiece], options: TextOptions) -> It
     if short != title:
         pieces = [TextPiece(title.removeprefix("# "), begins=True), *pieces]
     headings: list[TextPiece] = []
-    head, body = [short], []
+    head = [short]
+    body: list[str] = []
     size = count(short, options)
     filled = False  # with more than headings
     for unit in _units(pieces):

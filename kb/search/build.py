@@ -15,7 +15,6 @@ from kb.core.errors import FatalError
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.search import tantivy_index
-from kb.search.tantivy_index import STEMMERS
 
 
 def index(run: Run) -> Summary:
@@ -58,15 +57,15 @@ def follow(run: Run, source: str) -> Summary:
         if (count := _passages(run, source)) is not None:
             return Summary(passages=count, indexed=[])
         youtube, inputs = run.profile.youtube, texts.inputs(root, name)
-        stemmer = STEMMERS.get("en" if youtube is None else youtube.language, "")
+        language = "en" if youtube is None else youtube.language
         settings = freshness.settings(run, name)
         with (
             run.progress.task(f"index {source}", unit="passages") as task,
             manifest.replacing(home, name, inputs=inputs, settings=settings) as fresh,
         ):
             passages = SOURCES[source].passages(run.profile, root)
-            count = tantivy_index.write(fresh.folder, stemmer, passages, task.advance)
-            fresh.figures = {"passages": count, "stemmer": stemmer}
+            count = tantivy_index.write(fresh.folder, language, passages, task.advance)
+            fresh.figures = {"passages": count, "language": language}
     return Summary(passages=count, indexed=[source])
 
 
