@@ -3,6 +3,7 @@ looks for, or cuts words.
 """
 
 import re
+import unicodedata
 
 # Thai, Lao, Myanmar, Khmer, Tai, kana, Han; in brackets of a pattern, in Python and in tantivy.
 UNSPACED = (
@@ -10,12 +11,23 @@ UNSPACED = (
     "\u31f0-\u31ff\u3400-\u4dbf\u4e00-\u9fff\ua9e0-\ua9ff\uaa60-\uaa7f\uf900-\ufaff\uff66-\uff9f"
     "\U0001b000-\U0001b16f\U00020000-\U0003ffff"
 )
+_SIGN = re.compile(f"[{UNSPACED}]")
 _WORD = re.compile(rf"[{UNSPACED}]|[^\s{UNSPACED}]+")
+
+
+def is_word(sign: str) -> bool:
+    """Whether it is a letter, digit or mark of such a script."""
+    return unicodedata.category(sign)[0] in "LNM" and _SIGN.match(sign) is not None
 
 
 def words(text: str) -> list[str]:
     """The words between spaces, and each sign of such a script."""
     return text.split() if text.isascii() else _WORD.findall(text)
+
+
+def closed(text: str) -> str:
+    """The text without spaces beside such signs."""
+    return text if text.isascii() else re.sub(rf"(?<=[{UNSPACED}]) | (?=[{UNSPACED}])", "", text)
 
 
 def parts(text: str, most: int) -> list[tuple[str, int]]:

@@ -12,6 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from kb.core import scripts
 from kb.core.config.profile.base import (
     ERROR,
     FILL_IN,
@@ -209,6 +210,7 @@ def check_lists(
         findings += _kinds(every)
         findings += _everyday(every)
         findings += _excluded(every, section)
+        findings += _without_spaces(every)
     if advice and not broken:
         findings += _overlapping(every)
     if not broken:
@@ -286,6 +288,24 @@ def _excluded(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
             for place in named[form]:
                 what = f"{place.keyword.name!r} is ruled out by pairs.exclude"
                 yield _at(WARNING, place, what, f"take it out here, or {text!r} there")
+
+
+def _without_spaces(every: list[Placed]) -> Iterator[Finding]:
+    """What matching can't do in scripts that put no spaces between words."""
+    for place in every:
+        form, rule = phrase(place.keyword.name), place.keyword.rule
+        if not any(map(scripts.is_word, form)):
+            continue
+        if len(form) == 1:
+            what = f"{place.keyword.name!r} also counts inside longer words, as no spaces part them"
+            yield _at(
+                WARNING, place, what, "write words of two signs and more, or never as its rule"
+            )
+        if rule.startswith("near") or rule == "topic":
+            what = (
+                f"{rule} counts what stands between two spaces as one word: a whole sentence here"
+            )
+            yield _at(NOTE, place, what, "write always, or never, as its rule")
 
 
 def _overlapping(every: list[Placed]) -> Iterator[Finding]:
