@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -284,7 +285,8 @@ def _excluded(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
     for place in every if section and section.exclude else ():
         named.setdefault(phrase(place.keyword.name), []).append(place)
     for text in section.exclude if section else ():
-        for form in sorted(forms(phrase(text)) & named.keys()):
+        excluded = {form for each in alternatives(text) for form in forms(phrase(each))}
+        for form in sorted(excluded & named.keys()):
             for place in named[form]:
                 what = f"{place.keyword.name!r} is ruled out by pairs.exclude"
                 yield _at(WARNING, place, what, f"take it out here, or {text!r} there")
@@ -361,6 +363,11 @@ def _listed(places: list[Placed]) -> str:
     names = ", ".join(repr(place.keyword.name) for place in places[:_NAMED])
     more = len(places) - _NAMED
     return f"{names} and {more:,} more" if more > 0 else names
+
+
+def alternatives(text: str) -> list[str]:
+    """Phrases of which a slash parts words: "bed/chest day" is "bed day" and "chest day"."""
+    return [" ".join(words) for words in product(*(word.split("/") for word in text.split()))]
 
 
 def plural(word: str) -> str:
