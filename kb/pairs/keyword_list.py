@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from kb.core import scripts
-from kb.core.config.profile.base import (
+from kb.core.config.profile.products import Pairs
+from kb.core.config.section import (
     ERROR,
     FILL_IN,
     NOTE,
@@ -23,7 +24,6 @@ from kb.core.config.profile.base import (
     is_everyday,
     read_text,
 )
-from kb.core.config.profile.products import Pairs
 from kb.core.errors import ProfileError
 from kb.pairs.matching import phrase
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import msgspec
 
-from kb.core import signals
-from kb.core.config.profile.collecting import RedditSection
+from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped
 from kb.core.summary import Summary
+from kb.crawl.job import remember_import
 from kb.crawl.session import open_session
 from kb.reddit.crawl.subreddit import Subreddit
 from kb.reddit.dumps.cursor import (
@@ -29,6 +29,7 @@ from kb.reddit.dumps.files import find_dumps, memory
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.dumps.known_dumps import KnownDumps
 from kb.reddit.parse.anonymize import load_key
+from kb.reddit.section import RedditSection
 from kb.store.rawlog import rawlog
 
 
@@ -61,6 +62,11 @@ def import_dumps(
         finally:
             for path in rawlog.segments(run.root, "reddit", KIND):
                 session.frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)
+        span = {
+            "since": [clock.stamp(since)] if since else [],
+            "until": [clock.stamp(until)] if until else [],
+        }
+        remember_import(session.frontier, files=files, **span)
     return Summary(summary, foreign_files=dumps.foreign)
 
 

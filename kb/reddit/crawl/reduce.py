@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from kb.core.config.profile.collecting import RedditSection as Section
 from kb.reddit.parse import answer_tree
+from kb.reddit.section import RedditSection as Section
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier
 
@@ -146,9 +146,14 @@ def _listing(frontier: Frontier, endpoint: str, params: dict[str, Any], response
     )
     frontier.payload("listing", key, now)
     over = now.after is None or now.pages >= PAGES
-    if name in _BY_TIME and now.upto is not None and now.oldest is not None:
+    if is_by_time(name) and now.upto is not None and now.oldest is not None:
         over = over or now.oldest < now.upto  # the rest is known from the round before
     frontier.mark("listing", [key], "done" if over else "todo")
+
+
+def is_by_time(listing: str) -> bool:
+    """Whether a listing has its newest posts first: a later round ends at the known ones."""
+    return listing.partition(":")[0] in _BY_TIME
 
 
 def _seconds(value: Any) -> float | None:

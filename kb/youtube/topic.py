@@ -17,7 +17,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core import scripts
-from kb.core.config.profile.collecting import BY_KEYWORDS, BY_LABEL, BY_PROFILE, YouTubeSection
 from kb.core.installation import np
 from kb.filters.predicates import (
     PUBLIC,
@@ -30,7 +29,9 @@ from kb.filters.predicates import (
     rows_passing,
     text,
 )
+from kb.schema.video_facts import BY_KEYWORDS, BY_LABEL, BY_PROFILE
 from kb.store.tables.columns import column
+from kb.youtube.section import YouTubeSection
 
 # Where no spaces stand between words, a word begins and ends anywhere.
 _EDGE = rf"(?:[^\pL\pN_]|[{scripts.UNSPACED}])"
