@@ -239,6 +239,7 @@ class JsonLists(Connector):
         """What is left of `kinds`, by default of all, as far as it is known: sends nothing."""
         assert self._source.service is not None
         left: dict[str, int] = {}
+        counts: Mapping[str, Mapping[str, int]] = {}
         path = Layout(self._run.root).state(self.name)
         if path.is_file():
             with reading.state(path) as frontier:
@@ -255,7 +256,7 @@ class JsonLists(Connector):
         for phase in self._of_kind.values():
             items = left.get(phase.kind, 0)
             if not phase.keyed and self._known is None and (not left or self._run.again):
-                items = max(items, 1)
+                items = max(sum(counts.get(phase.kind, {}).values()), 1)
             if phase.kind in (kinds or self._of_kind) and items:
                 asked = math.ceil(items / phase.batch)
                 hours = asked * self._source.service.seconds_between / 3600

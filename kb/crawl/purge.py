@@ -1,13 +1,12 @@
 """The first part of a purge, which needs a source's raw answers and state under its lock."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from kb.artifacts import purge as steps
-from kb.artifacts import purge_raw
 from kb.artifacts.purge import Purge, PurgeLine, PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
@@ -44,13 +43,13 @@ def remove_keys(
         session.recorder.close()
         scratch = Layout(run.root).known(rules.source)
         purge = Purge(run, rules, listed, session.frontier, scratch, asked=asked)
-        try:
-            purge_raw.check_readable(run.root, rules.source, run.workers)
-        except DamagedData:
-            session.recorder.check_all_segments()
+        for step in (purge.find, purge.begin, purge.scan):
+            try:
+                step()
+            except DamagedData:  # nothing was removed yet
+                session.recorder.check_all_segments()
+                step()
         purge.damage = session.recorder.damage
-        purge.find()
-        purge.begin()
         removed: list[PurgeLine] = []
         if purge.keys:
             removed += steps.derived(purge) if purge.removed else ()
@@ -88,6 +87,7 @@ def dry_purge(
         purge = Purge(run, rules, listed, frontier, scratch / "work", True, asked)
         purge.find()
         purge.begin()
+        purge.scan()
         yield purge
 
 
@@ -127,13 +127,19 @@ def rules_by_name(source: SourceDeclaration) -> PurgeRules:
         fresh = {key: why for key, why in lost.items() if key not in before}
         return steps.with_named(steps.by_presence(purge), fresh)
 
+    def bare(keys: Collection[str]) -> Iterator[str]:
+        for key in keys:  # answers have them without what tells tables apart
+            prefixes = [prefix for prefix in source.tables.values() if key.startswith(prefix)]
+            yield key.removeprefix(max(prefixes, key=len, default=""))
+
     return PurgeRules(
         source.name,
-        ids_of(source).read_some,
+        ids_of(source).some_ids_in,
         rows=(
             *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
             *shared_locations(source.name),
         ),
         items=tuple(source.nouns),
+        answers=purge_raw.AnswerRules(texts=bare),
         find=absent,
     )

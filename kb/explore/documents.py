@@ -29,7 +29,7 @@ from kb.reader.tables import OpenTables
 from kb.reader.wiki_page import stored_png
 from kb.schema import table
 from kb.search.passage import plain
-from kb.search.query import question
+from kb.search.query import function_words, question
 from kb.search.tantivy_index import analyzer
 from kb.store.layout import VERDICTS
 
@@ -138,14 +138,16 @@ def _kept(
     page.address = document.parts[0].url
     if page.kind == "video" and place.at:
         page.around_caption = _around_caption(
-            opened, key, document.parts[page.here].text, float(place.at)
+            opened, of.name, key, document.parts[page.here].text, float(place.at)
         )
     return page
 
 
-def _around_caption(opened: OpenTables, key: str, text: str, second: float) -> tuple[str, str, str]:
+def _around_caption(
+    opened: OpenTables, source: str, key: str, text: str, second: float
+) -> tuple[str, str, str]:
     """The text of a part before the caption of a second, the caption, and the text behind it."""
-    row = first_row(opened, "youtube_transcripts", "video_id = ?", [key]) or {}
+    row = first_row(opened, f"{source}_transcripts", "video_id = ?", [key]) or {}
     cues = [cue for cue in row.get("cues") or () if int(cue["start_s"]) <= second]
     caption = " ".join(plain(cues[-1]["text"]).split()) if cues else ""
     if not caption or caption not in text:
@@ -306,9 +308,10 @@ def _marker(root: Path, source: str, words: str) -> Marker:
     if not words.strip():
         return lambda text: [text]
     known = index.known(root, source)
-    split = analyzer(str(known.figures["stemmer"]) if known is not None else "")
+    language = str(known.figures["language"]) if known is not None else ""
+    split, small = analyzer(language), function_words(language)
     try:
-        terms = question(words).terms
+        terms = question(words, small.__contains__).terms
     except UsageError:
         return lambda text: [text]
     stems = {stem for term in terms for stem in split.analyze(term.text)}

@@ -66,7 +66,8 @@ def add_export(
                 min=32,
                 metavar="N",
                 help="With --format text: cut documents at headings, comments and pauses into"
-                " chunks of at most N tokens. A token is 1/1.3 of a word.",
+                " chunks of at most N tokens. A word counts as 1.3 tokens, and so does each sign of"
+                " a script without spaces.",
             ),
         ] = None,
         tokenizer: Annotated[
@@ -144,7 +145,7 @@ def app_of(name: str) -> Group:
         from kb.registry import SOURCES as CLASSES
 
         connector = CLASSES[name].connector(run)
-        keys = list(ids_of(source).read_some(ids, run.progress.say).keys) if ids else None
+        keys = list(ids_of(source).some_ids_in(ids, run.progress.say).keys) if ids else None
         connector.restrict(keys, parse_part(part))
         bounds = {"ids": str(ids.absolute()) if ids else "", "part": part or ""}
         connector.asked = {option: value for option, value in bounds.items() if value}

@@ -31,8 +31,8 @@ class QAndA(Source):
         from kb.links.texts import in_columns
 
         if table == "answers":
-            return in_columns(path, "answer_id", {"answer": ("body",)}, "a")
-        parts = {"title": ("title",), "question": ("body",)}
+            return in_columns(path, "answer_id", {"comment": ("body",)}, "a")
+        parts = {"title": ("title",), "body": ("body",)}
         return in_columns(path, "question_id", parts, "q")
 
     def passages(self, profile: Profile, root: Path) -> Iterator[Passage]:
