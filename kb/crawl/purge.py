@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from kb.artifacts import purge as steps
+from kb.artifacts import purge_raw
 from kb.artifacts.purge import Purge, PurgeLine, PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
