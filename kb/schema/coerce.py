@@ -74,6 +74,30 @@ def coerce(
     return texts(values, clean=clean)
 
 
+_READ = {
+    "string": {"string", "integer"},
+    "bool": {"boolean", "string"},
+    "int32": {"integer", "string"},
+    "int64": {"integer", "string"},
+    "float32": {"number", "integer"},
+    "float64": {"number", "integer"},
+    "timestamp[us, UTC]": {"string", "integer", "number"},
+}
+
+
+def unreadable(kind: Type, schema: dict[str, Any]) -> str:
+    """Why `coerce` can't read such a column from such a field; "" where it can."""
+    allowed = types(schema) - {"null"}
+    read = _READ.get(kind.text, set())
+    if kind.item is not None:
+        read = {"object"} if kind.item.fields else {"array"} if kind.item.text == "string" else read
+    if not read:
+        return f"a {kind.text} is not read from JSON"
+    if allowed <= read:
+        return ""
+    return f"a {kind.text} is not read from JSON's {', '.join(sorted(allowed - read))}"
+
+
 def json_type(kind: Type, schema: dict[str, Any]) -> pa.DataType | None:
     """What Arrow reads the JSON of such a column as; None where it may be of several types."""
     if kind.item is not None and kind.item.fields:

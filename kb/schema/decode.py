@@ -12,7 +12,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.errors import DamagedData
+from kb.core.errors import DamagedData, SchemaMismatch
 from kb.schema import raw
 from kb.schema.coerce import (
     UNHOLDABLE,
@@ -23,8 +23,9 @@ from kb.schema.coerce import (
     json_type,
     read_json,
     times,
+    unreadable,
 )
-from kb.schema.tables import Table
+from kb.schema.tables import Column, Table
 
 Row = TypeVar("Row")
 
@@ -70,13 +71,19 @@ class ColumnReader:
         origins = [(column, origin.path) for column in every if (origin := column.origin(kind))]
         self.columns = [column for column, _ in origins]
         paths = [path for _, path in origins]
+        self._schemas = [_schema(declared, kind, column, path) for column, path in origins]
         lists = {path.partition("[].")[0] if "[]." in path else "" for path in paths}
+        if len(lists) > 1:
+            raise SchemaMismatch(
+                f"schemas/tables/{declared.name}.toml: its columns come from several lists of"
+                f" {kind}: {', '.join(sorted(lists))}",
+                hint="a row is made of one entry of one list",
+            )
         listed = lists.pop() if len(lists) == 1 else ""
         self._listed = listed.split(".") if listed else []  # where the records stand
         self._paths = {
             column.name: path.removeprefix(f"{listed}[].").split(".") for column, path in origins
         }
-        self._schemas = [raw.at(f"{declared.source}/{kind}", path) or {} for path in paths]
         self._shape = self._json_shape()
 
     def answer(self, line: bytes) -> DecodedAnswer:
@@ -201,6 +208,19 @@ class ColumnReader:
         data["fetched_at"] = moments.take(pa.array(list(spread), pa.int32()))
         data["problems"] = problems(bad_cells, rows)
         return pa.table(data)
+
+
+def _schema(declared: Table, kind: str, column: Column, path: str) -> dict[str, Any]:
+    """The schema of the field that a column is read from. Raises SchemaMismatch where a
+    `ColumnReader` can't read it.
+    """
+    schema = raw.at(f"{declared.source}/{kind}", path)
+    why = "" if schema is not None else f"schemas/raw/{declared.source}/{kind}.json has no {path}"
+    if path.count("[") > 1:
+        why = f"{path} is in a list within a list"
+    if why := why or unreadable(column.parsed, schema or {}):
+        raise SchemaMismatch(f"schemas/tables/{declared.name}.toml: column {column.name}: {why}")
+    return schema or {}
 
 
 def rows_of(answers: Iterable[DecodedAnswer]) -> list[AnswerRows]:

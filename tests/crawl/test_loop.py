@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
 
 from kb.core.context import Run
 from kb.core.errors import (
@@ -22,7 +23,6 @@ from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 from tests import processes
 from tests.crawl.runs import crawl, summary, texts
-from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
 from tests.fourth.service import Service, serving
 
 ROOT = Path(__file__).resolve().parents[2]

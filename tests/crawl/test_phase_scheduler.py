@@ -4,13 +4,13 @@ import threading
 from dataclasses import replace
 
 import pytest
+from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
 
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Blocked
 from kb.crawl.job import work
 from tests.crawl.runs import crawl, summary, wait_until
-from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
 from tests.fourth.service import Service
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
 
 from kb.core.context import Run
 from kb.core.errors import (
@@ -17,7 +18,6 @@ from kb.crawl.session import open_session
 from kb.store.state.frontier import Item
 from tests.crawl.runs import crawl
 from tests.crawl.test_loop import Batches, summary
-from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
 from tests.fourth.service import Service, serving
 
 
