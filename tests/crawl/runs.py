@@ -4,15 +4,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.fourth.feed.connector import FeedConnector
-
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.store.rawlog import rawlog
-from tests.fourth.service import Service
+from tests.crawl.feed import FeedConnector
+from tests.crawl.service import Service
 
 
 def summary(session: CrawlSession, loop: Loop) -> Summary:

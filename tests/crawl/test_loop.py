@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
 
 from kb.core.context import Run
 from kb.core.errors import (
@@ -22,8 +21,9 @@ from kb.crawl.job import work
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 from tests import processes
+from tests.crawl.feed import NOTES, PAGES, FeedConnector
 from tests.crawl.runs import crawl, summary, texts
-from tests.fourth.service import Service, serving
+from tests.crawl.service import Service, serving
 
 ROOT = Path(__file__).resolve().parents[2]
 
