@@ -81,9 +81,11 @@ class Place:
         text = PROFILE.format(url=self.site.root, units=units)
         (self.folder / "profile.toml").write_text(text)
 
-    def start(self, *commands: str, **environment: str) -> "subprocess.Popen[str]":
+    def start(
+        self, *commands: str, root: str = "root", **environment: str
+    ) -> "subprocess.Popen[str]":
         words = json.dumps([command.split() for command in commands])
-        options = ["--data", "root", "--json", "--profile", "profile.toml"]
+        options = ["--data", root, "--json", "--profile", "profile.toml"]
         return subprocess.Popen(
             [sys.executable, "-c", COMMANDS, words, *options],
             cwd=self.folder,
@@ -99,9 +101,9 @@ class Place:
         _, errors = process.communicate(timeout=120)
         return process.returncode, errors.strip().splitlines()[-1]
 
-    def run(self, *commands: str) -> list[dict[str, Any]]:
+    def run(self, *commands: str, root: str = "root") -> list[dict[str, Any]]:
         """The summaries of commands that all end well."""
-        process = self.start(*commands)
+        process = self.start(*commands, root=root)
         out, errors = process.communicate(timeout=120)
         assert process.returncode == 0, out + errors
         return [json.loads(line) for line in out.splitlines() if line.startswith("{")]
@@ -213,6 +215,32 @@ def test_from_crawl_to_purge(place: Place) -> None:
     assert place.released("questions") == [*left, "111"]
     assert verified["files_damaged"] == 0
     assert place.site.asked["/questions/107/answers"] == 0
+
+
+def test_two_machines_share_a_crawl(place: Place) -> None:
+    """crawl --part → merge → filter → verify --repair, and listed ids alone."""
+    (first,) = place.run("qanda crawl --part 1/2", root="one")
+    (second,) = place.run("qanda crawl --part 2/2", root="two")
+    assert first["crawled"] + second["crawled"] == 10
+    assert min(first["crawled"], second["crawled"]) > 0
+    _, filtered = place.run("merge one two", "qanda filter")
+    assert (filtered["kept"], filtered["rejected"]) == (16, 14)
+    (shard,) = (place.root / "clean/qanda/questions").glob("*.parquet")
+    whole = shard.read_bytes()
+    shard.write_bytes(whole[:-9])
+    place.run("verify --repair")
+    assert shard.read_bytes() == whole
+    (place.folder / "ids.txt").write_text("104\n105\n999\n")
+    (listed,) = place.run("qanda crawl --ids ids.txt", root="listed")
+    assert (listed["crawled"], listed["failed"], listed["requests"]) == (3, 0, 2)
+
+
+@pytest.mark.dask
+def test_a_cluster_makes_the_same_tables(place: Place) -> None:
+    _, local, cluster = place.run(
+        "qanda crawl", "qanda filter", "qanda filter --engine dask --workers 1"
+    )
+    assert (local["kept"], local["rejected"]) == (cluster["kept"], cluster["rejected"])
 
 
 def raw(place: Place) -> Iterator[str]:
