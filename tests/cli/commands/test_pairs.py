@@ -37,15 +37,6 @@ def test_pairs_from_the_shell(root: Path) -> None:
         == pq.read_table(shards(root / "pairs")).num_rows
         == pq.read_table(shards(root / "release" / "pairs")).num_rows
     )
-    whole = (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes()
-    filled = kb(
-        root,
-        "pairs",
-        "--from-index",
-        str(root / "release" / "pairs" / "pairs-00000-of-00001.parquet"),
-    )
-    assert filled.returncode == 0, filled.stderr
-    assert (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes() == whole
     draw = ("pairs", "draw", "3", "--max-videos", "1", "--out", "there")
     planned = processes.run(
         [*draw, "--plan", "--data", str(root)],
@@ -56,6 +47,15 @@ def test_pairs_from_the_shell(root: Path) -> None:
     assert planned.returncode == 0, planned.stderr
     assert "no pairs for validation and test: a channel" in planned.stderr
     assert not (root.parent / "there").exists()
+    whole = (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes()
+    filled = kb(
+        root,
+        "pairs",
+        "--from-index",
+        str(root / "release" / "pairs" / "pairs-00000-of-00001.parquet"),
+    )
+    assert filled.returncode == 0, filled.stderr
+    assert (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes() == whole
     wrong = kb(root, "pairs", "--from-index", "x.parquet", "--format", "minedojo")
     assert wrong.returncode == 2
 
