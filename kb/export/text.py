@@ -6,8 +6,8 @@ and Dolma read it.
 
 The text is Markdown and begins with `# Title`; the title is a line, whatever it was. Each source
 says what its documents are (`kb/<source>/text.py`): pieces of text, some of which begin something
-new (a heading, a comment, a paragraph after a pause). Chunks of at most so many tokens are cut
-there; a piece that is longer than a chunk is cut between its lines, then between its words. Chunks
+new (a heading, a comment, a paragraph after a pause). Chunks of at most so many tokens, which go to
+`export/text/<source>-chunks.jsonl`, are cut there; a piece that is longer than a chunk is cut between its lines, then between its words. Chunks
 begin with the title too, and with the headings that they stand under. Their ids are `<id>-<number>`
 from 0, and `metadata` has `document`, `chunk` and `chunks`.
 
@@ -34,7 +34,7 @@ from kb.core.regular_file import check_regular
 from kb.core.sources import SourceDeclaration
 from kb.core.summary import Summary
 from kb.export.contacts import replaced
-from kb.store.artifact_registry import ARTIFACTS
+from kb.store.artifact_registry import ARTIFACTS, CHUNKS
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 from kb.store.tables.reading import reading
@@ -90,8 +90,8 @@ class DocumentSource(Protocol):
 
 
 def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
-    """clean/<source> to export/text/<source>.jsonl, as TextOptions say. Without kept rows the file
-    is empty.
+    """clean/<source> to export/text/<source>.jsonl, chunks to <source>-chunks.jsonl, as TextOptions
+    say. Without kept rows the file is empty.
 
     Raises FatalError where nothing was filtered yet, SettingError for a file that is no tokenizer,
     MissingExtra, DamagedData, DiskFull.
@@ -110,7 +110,7 @@ def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
             hint=f"run `{clean.command}` first",
         )
     size = sum(one.stat().st_size for one in every)
-    path = Layout(run.root).export("text", f"{source}.jsonl")
+    path = Layout(run.root).export("text", source + (CHUNKS if options.chunk_tokens else ".jsonl"))
     counts: Counter[str] = Counter(documents=0)
     origin = run.profile.service_address(source)
     with (
