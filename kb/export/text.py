@@ -6,8 +6,9 @@ and Dolma read it.
 
 The text is Markdown and begins with `# Title`; the title is a line, whatever it was. Each source
 says what its documents are (`kb/<source>/text.py`): pieces of text, some of which begin something
-new (a heading, a comment, a paragraph after a pause). Chunks of at most so many tokens, which go to
-`export/text/<source>-chunks.jsonl`, are cut there; a piece that is longer than a chunk is cut between its lines, then between its words. Chunks
+new (a heading, a comment, a paragraph after a pause). Chunks of at most so many tokens go to
+`export/text/<source>-chunks.jsonl` and are cut there; a piece that is longer than a chunk is cut
+between its lines, then between its words. Chunks
 begin with the title too, and with the headings that they stand under. Their ids are `<id>-<number>`
 from 0, and `metadata` has `document`, `chunk` and `chunks`.
 

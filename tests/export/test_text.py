@@ -210,7 +210,9 @@ def test_documents_and_their_chunks_are_files_of_their_own(
 ) -> None:
     run = run_at(root := build(tmp_path / "data", sources=(source,)))
     plain, chunked = (f"export/text/{source}{end}" for end in (".jsonl", "-chunks.jsonl"))
-    assert {name for name in freshness.graph(run, ["text"]) if name.startswith("export/")} == {plain}
+    assert {name for name in freshness.graph(run, ["text"]) if name.startswith("export/")} == {
+        plain
+    }
     export(run, source, "text")
     documents = lines(root, source)
     export(run, source, "text", chunk_tokens=40)
