@@ -19,6 +19,7 @@ from kb.clips.torch_dataset import ClipDataset, torch_dataset
 from kb.core.errors import UsageError
 from kb.core.installation import require
 from kb.core.sources import made_of
+from kb.core.suggestions import did_you_mean, similar
 from kb.reader.tables import OpenTables, QueryResult, TableView, with_hints
 
 Folder = str | os.PathLike[str]
@@ -113,7 +114,7 @@ def find(
     if keyword.lower() in map(str.lower, known):  # all of its clips have been removed
         return clips
     raise UsageError(
-        f"no clips of {keyword!r}.{query.did_you_mean(query.similar(keyword, known))}",
+        f"no clips of {keyword!r}.{did_you_mean(similar(keyword, known))}",
         hint='data.sql("SELECT DISTINCT keyword FROM pairs") lists the keywords',
     )
 

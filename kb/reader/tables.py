@@ -4,7 +4,6 @@ the tables of several folders with one connection over them.
 
 from __future__ import annotations
 
-import difflib
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -22,6 +21,7 @@ from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare, check_once
 from kb.core.cached_property import cached_property
 from kb.core.errors import FatalError, KbError, MissingExtra, UsageError
 from kb.core.installation import ds
+from kb.core.suggestions import did_you_mean, similar
 from kb.query.remote_duckdb import reading_views
 from kb.reader import html
 from kb.store.tables import parquet
@@ -191,7 +191,7 @@ class TableView(RowSet):
         chosen = None if columns is None else list(columns)
         for name in chosen or ():
             if name not in self.schema.names:
-                near = difflib.get_close_matches(name, self.schema.names, 3)
+                near = similar(name, self.schema.names)
                 raise UsageError(
                     f"{self.name} has no column {name!r}",
                     hint=f"did you mean {' or '.join(near)}?" if near else ".schema lists them",
@@ -275,9 +275,9 @@ class Tables(Mapping[str, TableView]):
         full = self._short.get(name, name)
         if full in self._full:
             return self._full[full]
-        near = query.similar(name, [*self._short, *self._full])
+        near = similar(name, [*self._short, *self._full])
         raise UnknownTable(
-            f"unknown table {name!r}.{query.did_you_mean(near)}",
+            f"unknown table {name!r}.{did_you_mean(near)}",
             hint="data.tables lists them",
         )
 

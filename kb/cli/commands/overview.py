@@ -131,7 +131,6 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         if of.credential and getattr(run.settings, of.credential) is None
         else "",
         "counted": of.counted,
-        "unread": has_raw and not (state.exists() or tables),
         "phases": {},
         "failures": {},
         "left_by": {},
@@ -144,6 +143,7 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     }
     if state.exists():
         about |= _frontier(run, CLASSES[source], state)
+    about["unread"] = has_raw and not (about["phases"] or tables)
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
     about["rows"] = tables
     about |= _verdicts(run.root, source)

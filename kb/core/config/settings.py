@@ -3,7 +3,6 @@
 Names and meanings are the contract's; `.env.example` lists them.
 """
 
-import difflib
 import logging
 import os
 import re
@@ -32,6 +31,7 @@ from kb.core.config.addresses import is_contact, root_of
 from kb.core.errors import MissingCredential, SettingError
 from kb.core.regular_file import check_regular
 from kb.core.sources import SOURCES
+from kb.core.suggestions import similar
 
 _log = logging.getLogger("kb.settings")
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
@@ -307,7 +307,7 @@ def _lines(where: str, names: Iterable[str], prefixes: tuple[str, ...]) -> list[
         upper = name.upper()
         if not upper.startswith(prefixes) or upper in known or upper.startswith(_OF_TESTS):
             continue
-        near = difflib.get_close_matches(upper, known, n=1, cutoff=0.6)
+        near = similar(upper, known, most=1)
         guess = f"; did you mean {near[0]}?" if near else "; see .env.example"
         lines.append(f"{name} in {where} is not a setting and has no effect{guess}")
     return lines
