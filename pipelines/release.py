@@ -13,9 +13,10 @@ from collections.abc import Sequence
 
 from kb.core.context import Run
 from kb.core.summary import Summary
+from kb.registry import PUBLISHED
 from kb.release import build
 
 
 def release(run: Run, only: Sequence[str] = ()) -> Summary:
     """Run the gate, then write everything that describes the data."""
-    return build.release(run, only)
+    return build.release(run, PUBLISHED, only)

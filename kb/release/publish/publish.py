@@ -12,8 +12,8 @@ from kb.artifacts import domain_binding
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core import signals
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.base import is_placeholder
 from kb.core.config.profile.release import Release
+from kb.core.config.section import is_placeholder
 from kb.core.context import Run
 from kb.core.errors import KbError, ProfileError
 from kb.core.installation import PROFILE_FILE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, field_validator
 
-from kb.core.config.profile.base import Section
+from kb.core.config.section import Section
 from kb.core.sources import BY_DEFAULT, PUBLISHED
 
 
