@@ -20,7 +20,7 @@ class Video:
     video = data.video("dQw4w9WgXcQ")
     video.row["view_count"]
     video.transcript                    # None in a release alone
-    video.pairs.to_pandas()             # `pairs`, `tasks` and `links` are results; maybe without rows
+    video.pairs.to_pandas()             # `tasks` and `links` are such results too
     """
 
     row: dict[str, Any]

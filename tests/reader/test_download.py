@@ -54,7 +54,8 @@ def test_a_video_with_all_that_names_it(release: Path, root: Path) -> None:
     assert video_id in repr(video)
     assert video_id in video._repr_html_()
     cues = kb.load(root).video(video_id).transcript
-    assert cues and cues[0]["text"]
+    assert cues
+    assert cues[0]["text"]
     alone = kb.load(release / "youtube").video(video_id)
     assert len(alone.pairs) == len(alone.tasks) == len(alone.links) == 0
     with pytest.raises(UsageError, match="unknown video 'nope'"):
