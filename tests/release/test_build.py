@@ -116,4 +116,3 @@ def test_samples_are_short_and_of_the_same_keys(tmp_path: Path, source: str) -> 
     assert sum(len(json.loads(path.read_text())) for path in small) <= sum(
         map(len, samples.values())
     )
-
