@@ -29,7 +29,7 @@ from kb.query.views import connect, find_views
 from kb.schema.tables import tables
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.damage import unreadable
-from kb.store.tables import checksums
+from kb.store.tables import checksums, database
 from kb.store.tables.reading import broken
 
 _TABLE = re.compile(r'Table with name "?([^"!]+?)"? does not exist')
@@ -60,7 +60,7 @@ def unknown_name(
             [sorted(set(re.findall(r"\w+", sql)))],
         )
         near = similar(missing[1], [name for (name,) in columns.fetchall()])
-        return UsageError(f"{one_line(error)}.{did_you_mean(near)}", hint=_LISTS)
+        return UsageError(f"{database.one_line(error)}.{did_you_mean(near)}", hint=_LISTS)
     return None
 
 
@@ -72,16 +72,6 @@ def similar(name: str, names: Iterable[str]) -> list[str]:
     return [
         by_lower[one] for one, ratio in zip(near, ratios, strict=True) if ratio > ratios[0] - 0.1
     ]
-
-
-def one_line(error: Exception) -> str:
-    """DuckDB's message without the excerpt of the query, and with three suggestions at most."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    if not lines:
-        return type(error).__name__
-    starts = ("Did you mean", "Candidate bindings", "Candidate functions", "Candidate Entries")
-    guesses = [line for line in lines[1:] if line.startswith(starts) and "duckdb_" not in line]
-    return " ".join([lines[0], *(", ".join(line.split(", ")[:3]) for line in guesses)])
 
 
 def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path | None) -> KbError:
@@ -194,7 +184,7 @@ def _batches(
 
 def _problem(error: Exception, views: Sequence[View]) -> KbError:
     """The error for a query that DuckDB failed to run: a damaged file, or a wrong query."""
-    line = one_line(error)
+    line = database.one_line(error)
     files = [path for view in views for path in view.files]
     named = [path for path in files if str(path) in str(error)]
     # A wrong query's error has a kind ("Binder Error: …"); the Parquet reader's has none.

@@ -42,7 +42,7 @@ _SETTINGS = {
     "tasks": ("tasks", "youtube.topic_keywords", "keywords", "pairs.include"),
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
-_RULES = {"clean/youtube": 3, "clean/reddit": 3, "pairs": 8, "tasks": 2, "links": 2}
+_RULES = {"clean/youtube": 4, "clean/reddit": 3, "pairs": 8, "tasks": 2, "links": 2}
 _KEPT_FILES = {"pairs": ("measures.json",)}  # figures of samples that cost requests
 
 

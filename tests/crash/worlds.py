@@ -128,12 +128,7 @@ class Worlds:
         root = shutil.copytree(self.base("released"), self.base("purged"))
         for source in self.sources:
             self._done(*self._purge(source).words, f"--data={root}")
-        # A purge keeps the depth of answers to what went; a filter finds no ancestor any more.
-        for step in ("filter", "export"):
-            for source in self.sources:
-                self._done(source, step, f"--data={root}")
-        for step in ("pairs", "links", "release", "index"):
-            self._done(step, f"--data={root}")
+        self._done("build", "pairs", "links", "release", "index", f"--data={root}")
 
     def _done(self, *words: str) -> None:
         ended = harm.run([*words, "--quiet"], self._job.env, self.place)

@@ -178,7 +178,7 @@ def test_every_pair_has_its_link(run: Run) -> None:
         pairs = con.execute("SELECT count(*) FROM pairs").fetchone()
         joined = con.execute(
             """SELECT count(*), min(match_start_s - first_at_s), max(count)
-            FROM pairs JOIN links.links ON key = video_id AND entity = keyword
+            FROM pairs JOIN links.links ON key = pairs.video_id AND entity = keyword
             WHERE part = 'transcript'"""
         ).fetchone()
     assert pairs is not None

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import msgspec
 
-from kb.core import signals
+from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped
 from kb.core.summary import Summary
+from kb.crawl.job import remember_import
 from kb.crawl.session import open_session
 from kb.reddit.crawl.subreddit import Subreddit
 from kb.reddit.dumps.cursor import (
@@ -61,6 +62,11 @@ def import_dumps(
         finally:
             for path in rawlog.segments(run.root, "reddit", KIND):
                 session.frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)
+        span = {
+            "since": [clock.stamp(since)] if since else [],
+            "until": [clock.stamp(until)] if until else [],
+        }
+        remember_import(session.frontier, files=files, **span)
     return Summary(summary, foreign_files=dumps.foreign)
 
 

@@ -24,6 +24,7 @@ from kb.wiki.errors import Challenge, PageRefused, TransientStatus, turned_away
 from kb.wiki.parse import answers
 
 BATCH = 50
+LISTED = 500  # titles of a list in one answer
 # Parts of one answer, 500 entries each. A batch of pages that have more is halved.
 _CONTINUED = 500
 # Parts of a list, 500 titles each, beside those that the wiki's own count of pages explains: that
@@ -92,7 +93,7 @@ class WikiApi:
             "list": "allpages",
             "apnamespace": str(namespace),
             "apfilterredir": "nonredirects",
-            "aplimit": "500",
+            "aplimit": str(LISTED),
         }
         loop = self._loops.setdefault((number, namespace), _LoopDetector())
         loop.check(going)
