@@ -19,7 +19,8 @@ from kb.clips.torch_dataset import ClipDataset, torch_dataset
 from kb.core.errors import UsageError
 from kb.core.installation import require
 from kb.core.sources import made_of
-from kb.reader.tables import OpenTables, QueryResult, TableView, with_hints
+from kb.reader.hints import with_hints
+from kb.reader.tables import OpenTables, QueryResult, TableView
 
 Folder = str | os.PathLike[str]
 _TRAINED = ("pair_id", "video_id", "keyword", "text", "clip_start_s", "clip_end_s", "duration_s")

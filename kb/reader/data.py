@@ -11,7 +11,8 @@ from kb import query
 from kb.artifacts import remote_release, table_catalog
 from kb.artifacts.table_catalog import Catalog, View
 from kb.reader import clips, html, thread, video, wiki_page
-from kb.reader.tables import OpenTables, QueryResult, Tables, TableView, with_hints
+from kb.reader.hints import with_hints
+from kb.reader.tables import OpenTables, QueryResult, Tables, TableView
 from kb.search.ranking import Only, day_given
 
 Place = str | os.PathLike[str]

@@ -5,15 +5,13 @@ the tables of several folders with one connection over them.
 from __future__ import annotations
 
 import difflib
-import re
 import shutil
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import duckdb
 import pyarrow as pa
@@ -22,11 +20,12 @@ from kb import query
 from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare, check_once
 from kb.core.cached_property import cached_property
-from kb.core.errors import FatalError, KbError, MissingExtra, UsageError
+from kb.core.errors import FatalError, MissingExtra, UsageError
 from kb.core.installation import ds
 from kb.query.formats import as_box
 from kb.query.remote_duckdb import reading_views
 from kb.reader import html
+from kb.reader.hints import with_hints
 from kb.store.tables import parquet
 from kb.store.tables.checksums import library_path
 from kb.store.tables.reading import reading
@@ -38,37 +37,6 @@ if TYPE_CHECKING:
     import polars
 
 _SHOWN = 5  # rows of `head`
-# Hints that name commands or options, and what they are in Python.
-_IN_PYTHON = (
-    (r"`kb query --tables` lists the views", "data.tables lists the tables"),
-    (r'kb search "(.+)"', r'data.search("\1")'),
-    (r"did you mean --data (.+)\?", r'did you mean kb.load("\1")?'),
-    (r"check --data and KB_DATA", "check the folder that was given to kb.load"),
-    (r"give (.+) as --data\b", r"give kb.load \1"),
-)
-
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-def with_hints(function: Callable[P, T]) -> Callable[P, T]:
-    """Adds the hints of a function's errors, as Python says them, to tracebacks, which show notes
-    only.
-    """
-
-    @wraps(function)
-    def inner(*args: P.args, **kwargs: P.kwargs) -> T:
-        try:
-            return function(*args, **kwargs)
-        except KbError as error:
-            for command, python in _IN_PYTHON:
-                error.hint = re.sub(command, python, error.hint)
-            if error.hint and error.hint not in getattr(error, "__notes__", ()):
-                error.add_note(error.hint)
-            raise
-
-    return inner
 
 
 class RowSet:
