@@ -110,7 +110,7 @@ def rules_by_name(source: SourceDeclaration) -> PurgeRules:
     )
     return PurgeRules(
         source.name,
-        ids.read_some,
+        ids.some_ids_in,
         rows=(
             *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
             *shared_locations(source.name),

@@ -135,7 +135,7 @@ def _declared() -> Iterator[Artifact]:
             reads=tuple(f"{source}/{short}" for short in SOURCES[source].indexed),
             maker=Maker("index", "index", (source,)),
             settings=("youtube.language",),
-            rules=7,
+            rules=8,
         )
     yield Artifact(
         "report",
@@ -157,6 +157,7 @@ def _declared() -> Iterator[Artifact]:
                 maker=Maker(name, "export", (*_own_name(name), format_)),
                 public=True,
                 settings=("name",),
+                rules=2 if format_ == "text" else 1,
             )
     yield Artifact(
         RELEASE,

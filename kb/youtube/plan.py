@@ -211,7 +211,7 @@ def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[
 def _left_of_ids(run: Run, ids: Path, part: Part, state: dict[str, Any]) -> dict[str, int]:
     """A known list: no searches and no lists."""
     mine = share(part)
-    wanted = {key for key in RULES.read_some(ids, run.progress.say).keys if mine(key)}
+    wanted = {key for key in RULES.some_ids_in(ids, run.progress.say).keys if mine(key)}
     rates, _ = _measured(state)
     path = Layout(run.root).state("youtube")
     pending = 0
