@@ -21,7 +21,8 @@ from kb.artifacts.table_catalog import View
 from kb.core.errors import DamagedData, KbError, UsageError
 from kb.core.suggestions import did_you_mean, similar
 from kb.reader import html
-from kb.reader.tables import OpenTables, QueryResult, needs, with_hints
+from kb.reader.hints import with_hints
+from kb.reader.tables import OpenTables, QueryResult, needs
 from kb.schema.conformity import value_problem
 from kb.schema.tables import table
 from kb.store.damage import DOWNLOAD, missing, open_file, opening, unreadable
