@@ -66,7 +66,7 @@ def add_export(
                 min=32,
                 metavar="N",
                 help="With --format text: cut documents at headings, comments and pauses into"
-                " chunks of at most N tokens. A token is 1/1.3 of a word.",
+                " chunks of at most N tokens, in a file of their own. A token is 1/1.3 of a word.",
             ),
         ] = None,
         tokenizer: Annotated[
