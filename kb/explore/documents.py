@@ -29,7 +29,7 @@ from kb.reader.tables import OpenTables
 from kb.reader.wiki_page import stored_png
 from kb.schema import table
 from kb.search.passage import plain
-from kb.search.query import question
+from kb.search.query import function_words, question
 from kb.search.tantivy_index import analyzer
 from kb.store.layout import VERDICTS
 
@@ -308,9 +308,10 @@ def _marker(root: Path, source: str, words: str) -> Marker:
     if not words.strip():
         return lambda text: [text]
     known = index.known(root, source)
-    split = analyzer(str(known.figures["stemmer"]) if known is not None else "")
+    language = str(known.figures["language"]) if known is not None else ""
+    split, small = analyzer(language), function_words(language)
     try:
-        terms = question(words).terms
+        terms = question(words, small.__contains__).terms
     except UsageError:
         return lambda text: [text]
     stems = {stem for term in terms for stem in split.analyze(term.text)}

@@ -70,9 +70,9 @@ def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path |
         [list(SCHEMAS)],
     ).fetchall()
     schema, _, short = name.rpartition(".")
-    full = [f"{one}.{view}" for one, view in views]
+    full = [f"{group}.{view}" for group, view in views]
     if schema:
-        near = [one for one in full if one.endswith(f".{short}")] or similar(name, full)
+        near = [view for view in full if view.endswith(f".{short}")] or similar(name, full)
     else:
         near = similar(name, {view for _, view in views})
     message = message.partition(" because ")[0].rstrip("!")
@@ -87,7 +87,8 @@ def _made_by(short: str, schema: str) -> str:
     """The commands that make a declared table without files."""
     if schema == "restored":
         return "`kb reddit reconstruct` makes it"
-    known = {view_name(one): one.source for one in tables().values() if one.source in PUBLISHED}
+    declared = (table for table in tables().values() if table.source in PUBLISHED)
+    known = {view_name(table): table.source for table in declared}
     if short not in known:
         return ""
     source = known[short]
@@ -124,7 +125,7 @@ def select(
     if views is None:
         views = list(find_views(root.absolute())) if root else []
     try:
-        statements.check(con, sql)
+        statements.require_query(con, sql)
         _check(statements.views_read(sql, views), progress or Progress())
         with reading_views(views):
             relation = con.sql(sql)
@@ -224,7 +225,7 @@ def run_isolated(
     """
     query = IsolatedQuery(
         sql,
-        [(one.schema, one.name, one.files) for one in views],
+        [(view.schema, view.name, view.files) for view in views],
         rows,
         characters,
         cell,
@@ -281,7 +282,7 @@ def _reply(query: IsolatedQuery, limits: Limits) -> QueryReply:
             lines = as_csv(reader, query.cell)
             return QueryReply(*_first(lines, query.rows + 1, query.characters))
     except KbError as error:
-        kind = next(one.__name__ for one in type(error).__mro__ if one.__module__.startswith("kb."))
+        kind = next(own.__name__ for own in type(error).__mro__ if own.__module__.startswith("kb."))
         return QueryReply(error=str(error), hint=error.hint, kind=kind)
     except MemoryError:
         return QueryReply(error="the query needs too much memory", kind=FatalError.__name__)

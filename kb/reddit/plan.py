@@ -14,7 +14,7 @@ from kb.reddit.crawl.ids import Ids, asked_for
 from kb.reddit.crawl.reduce import PAGES, PAYLOADS, is_by_time, listings
 from kb.reddit.crawl.refresh import due, oldest_due
 from kb.reddit.crawl.subreddit import IDS
-from kb.reddit.dumps.files import find_dumps
+from kb.reddit.dumps.find_dumps import find_dumps
 from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.section import RedditSection
 from kb.store.layout import Layout
@@ -54,7 +54,7 @@ def plan_crawl(run: Run) -> Summary:
     size = BYTES_A_POST
     if done:
         segments = rawlog.segments(run.root, "reddit", "comments")
-        size = max(1, sum(one.stat().st_size for one in segments) // done)
+        size = max(1, sum(segment.stat().st_size for segment in segments) // done)
     elif posts:
         assumed.append(f"{REQUESTS_A_POST:g} requests and {BYTES_A_POST // 1000} kB a post")
     asked = round(posts * each) + math.ceil(to_read(kinds, "more") / IDS)

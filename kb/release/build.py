@@ -25,7 +25,7 @@ from kb.artifacts.release_folder import (
 from kb.core.context import Run
 from kb.core.errors import ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
-from kb.core.sources import PUBLISHED, made_of
+from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.core.summary import Summary
 from kb.release import folders, provenance
 from kb.release.folders import sample_name
@@ -229,10 +229,12 @@ def _values(column: pa.ChunkedArray[Any]) -> list[Any]:
 
 
 def _shared(parts: tuple[ReleasedTable, ...]) -> str:
-    """The column that all tables of the folder have and that is a key of one;
-    else the first's first key.
+    """The column that all tables of the folder have and that is the key of a source's table; else
+    the first's first key.
     """
-    for name in ("page_id", "post_id", "video_id"):
+    for name in (
+        table(f"{one}/{short}").key[0] for one in SOURCES for short in SOURCES[one].tables
+    ):
         if all(name in part.table.names(released=True) for part in parts):
             return name
     return parts[0].table.key[0]

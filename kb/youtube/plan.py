@@ -14,12 +14,13 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import NOTHING_NEW, PlanPhase, to_read
 from kb.core.summary.plan import plan as make_plan
+from kb.crawl.share import Part, share
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import reading
 from kb.youtube.crawl import quota
 from kb.youtube.crawl.fetch import PACK
-from kb.youtube.crawl.ids import RULES, Part, share
+from kb.youtube.crawl.ids import RULES
 from kb.youtube.crawl.reduce import (
     CHANNELS,
     PAYLOADS,
@@ -211,7 +212,7 @@ def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[
 def _left_of_ids(run: Run, ids: Path, part: Part, state: dict[str, Any]) -> dict[str, int]:
     """A known list: no searches and no lists."""
     mine = share(part)
-    wanted = {key for key in RULES.read_some(ids, run.progress.say).keys if mine(key)}
+    wanted = {key for key in RULES.some_ids_in(ids, run.progress.say).keys if mine(key)}
     rates, _ = _measured(state)
     path = Layout(run.root).state("youtube")
     pending = 0

@@ -258,7 +258,7 @@ def services(wiki: bool = True) -> tuple[Sandbox, bool]:
     """The services to be asked, not yet listening; whether there is a browser for the wiki's."""
     if wiki:
         try:
-            chromium.find()
+            chromium.find_programs()
         except MissingExtra:
             wiki = False
     names = ["youtube", "reddit", "zenodo", *(["wiki"] if wiki else [])]

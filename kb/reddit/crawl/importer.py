@@ -25,7 +25,8 @@ from kb.reddit.dumps.cursor import (
     lease,
     load_cursor,
 )
-from kb.reddit.dumps.files import find_dumps, memory
+from kb.reddit.dumps.files import memory
+from kb.reddit.dumps.find_dumps import find_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.dumps.known_dumps import KnownDumps
 from kb.reddit.parse.anonymize import load_key
@@ -90,7 +91,7 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
         """As noted on disk: a worker that dies after its file is done is replaced by one that has
         nothing to do.
         """
-        return [load_cursor(run.root, name, one.file) for name, one in jobs.items()]
+        return [load_cursor(run.root, name, own.file) for name, own in jobs.items()]
 
     before = cursors()
 
@@ -100,22 +101,22 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
             command="reddit import",
             source="reddit",
             counted="posts and comments",
-            crawled=sum(one.things for one in now) - sum(one.things for one in before),
-            lines=sum(one.lines for one in now),
-            bad_lines=sum(one.bad_lines for one in now),
-            truncated_files=sum(one.truncated for one in now),
+            crawled=sum(cursor.things for cursor in now) - sum(cursor.things for cursor in before),
+            lines=sum(cursor.lines for cursor in now),
+            bad_lines=sum(cursor.bad_lines for cursor in now),
+            truncated_files=sum(cursor.truncated for cursor in now),
             requests=0,
         )
 
     todo = []
-    for cursor, one in zip(before, jobs.values(), strict=True):
+    for cursor, waiting in zip(before, jobs.values(), strict=True):
         if cursor.done:
             run.progress.say(
-                f"{one.file}: already imported ({cursor.things} posts and comments); --again"
+                f"{waiting.file}: already imported ({cursor.things} posts and comments); --again"
                 " imports it again"
             )
         else:
-            todo.append(one)
+            todo.append(waiting)
     try:
         if todo:
             _import(run, todo)
@@ -147,8 +148,8 @@ def _import(run: Run, jobs: list[ImportJob]) -> None:
             results = _side_by_side(jobs, executor, executor.window, most)
         for cursor in results:
             done.append(cursor)
-            fresh = sum(one.fresh for one in done)
-            bad_lines = sum(one.bad_lines for one in done)
+            fresh = sum(cursor.fresh for cursor in done)
+            bad_lines = sum(cursor.bad_lines for cursor in done)
             task.advance(1, posts_and_comments=fresh, bad_lines=bad_lines)
             if cursor.problem:
                 run.progress.say(

@@ -96,7 +96,7 @@ class WikiApi:
             "aplimit": str(LISTED),
         }
         loop = self._loops.setdefault((number, namespace), _LoopDetector())
-        loop.check(going)
+        loop.refuse_loop(going)
         status, answer = self.ask({**params, **going})
         loop.note(going, answer["query"]["allpages"])
         return Answer("titles", self.endpoint, {**params, **going, "round": number}, answer, status)
@@ -133,11 +133,11 @@ class WikiApi:
         status, first = self.ask(params)
         answer, loop, merged, read = first, _LoopDetector(), _Merged(first), 1
         while going := answer.get("continue"):
-            loop.check(going)
+            loop.refuse_loop(going)
             check_length("the wiki's answer", read, _CONTINUED)
             status, answer = self.ask({**params, **going})
             loop.note(going)
-            merged.add(answer)
+            merged.merge(answer)
             read += 1
         first.pop("continue", None)
         return status, first
@@ -214,7 +214,7 @@ class _LoopDetector:
         self._seen: set[bytes] = set()
         self._last: Sequence[Any] = ()
 
-    def check(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
+    def refuse_loop(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
         """Raises Retryable for a step that was answered before, or with the same entries as the
         step before.
         """
@@ -223,8 +223,8 @@ class _LoopDetector:
             raise Retryable(f"the wiki's API loops: it continues again at {step}")
 
     def note(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
-        """Record an answered step. Raises as `check`."""
-        self.check(going, entries)
+        """Record an answered step. Raises as `refuse_loop`."""
+        self.refuse_loop(going, entries)
         self._seen.add(_step_key(going))
         self._last = entries
 
@@ -244,7 +244,7 @@ class _Merged:
         for page in self._pages:
             self._known[_key(page)] = page
 
-    def add(self, more: dict[str, Any]) -> None:
+    def merge(self, more: dict[str, Any]) -> None:
         """Merge another part. Raises Retryable when the whole has too many bytes."""
         for page in more.get("query", {}).get("pages", []):
             known = self._known.setdefault(_key(page), page)

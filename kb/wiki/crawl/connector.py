@@ -118,7 +118,7 @@ class WikiConnector(Connector):
     def identity(self) -> dict[str, str]:
         """The wiki's address. Raises MissingCredential, MissingExtra."""
         self._run.settings.need("kb_contact")
-        self._programs = chromium.find()
+        self._programs = chromium.find_programs()
         return {"wiki": self.url}
 
     def begin(self, opened: Opened) -> None:

@@ -33,6 +33,7 @@ from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
+from kb.crawl.share import Part, share
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
@@ -40,7 +41,7 @@ from kb.store.state.frontier import Frontier, Item
 from kb.store.tables.columns import newest
 from kb.youtube.crawl.client import FINAL, GOOGLE
 from kb.youtube.crawl.fetch import API, PACK, WEB, YouTubeFetcher
-from kb.youtube.crawl.ids import RULES, Part, share
+from kb.youtube.crawl.ids import RULES
 from kb.youtube.crawl.quota import GENERAL, SEARCH, limit, today
 from kb.youtube.crawl.reduce import (
     BEYOND,
@@ -274,7 +275,7 @@ class YouTubeConnector(Connector):
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
         self.chosen = _chosen(self.phases, only, ids)
-        self._known = RULES.read_some(ids, run.progress.say) if ids else None
+        self._known = RULES.some_ids_in(ids, run.progress.say) if ids else None
         self._wanted, self._mine, self._part = wanted, share(part), list(part or ())
         self.counts: Counter[str] = Counter()
         self.theirs: set[str] = set()

@@ -104,7 +104,7 @@ def test_an_index_without_transcripts_says_that_its_videos_come_first(
     assert empty.returncode == 1
     here = f"--data {tmp_path / 'data'}"
     assert f"run `kb youtube crawl --ids {index} {here}`, then `kb youtube filter" in empty.stderr
-    listed = RULES.read(index)  # and a crawl takes what is advised
+    listed = RULES.ids_in(index)  # and a crawl takes what is advised
     assert listed.keys
     assert listed.bad_lines == 0
 
