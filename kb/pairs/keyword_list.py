@@ -307,7 +307,7 @@ def _without_spaces(every: list[Placed]) -> Iterator[Finding]:
             what = (
                 f"{rule} counts what stands between two spaces as one word: a whole sentence here"
             )
-            yield _at(NOTE, place, what, "write always, or never, as its rule")
+            yield _at(WARNING, place, what, "write always, or never, as its rule")
 
 
 def _overlapping(every: list[Placed]) -> Iterator[Finding]:
