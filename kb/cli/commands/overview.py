@@ -15,7 +15,7 @@ from kb.artifacts import freshness
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
 from kb.core import clock
-from kb.core.errors import WriterLocked
+from kb.core.errors import DamagedData, WriterLocked
 from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
 from kb.crawl.job import STOPPED
@@ -107,6 +107,8 @@ def _replay_missing_states(run: Run) -> None:
             replay_missing_state(run, name, source.connector)
         except WriterLocked:
             continue  # another command is at it
+        except DamagedData as error:  # what could be read is replayed
+            run.progress.say(f"{error}; {error.hint}")
         except OSError as error:
             run.progress.say(
                 f"{name}: its state is missing, and {run.root} can't be written"
