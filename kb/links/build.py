@@ -134,7 +134,8 @@ def _ids(path: Path, source: str, short: str) -> pa.Table:
 
 def with_ids(links: pa.Table, ids: pa.Table) -> pa.Table:
     """Links with the ids that a table has for their keys."""
-    places = pc.index_in(links["key"].cast(pa.string()), value_set=ids["key"].combine_chunks())
+    keys = ids["key"].cast(pa.string()).combine_chunks()  # of no type where a table has no rows
+    places = pc.index_in(links["key"].cast(pa.string()), value_set=keys)
     for name in ID_COLUMNS:
         kind = table("links/links").arrow().field(name).type
         known = ids[name].take(places) if name in ids.column_names else pa.nulls(len(links), kind)
