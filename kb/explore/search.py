@@ -25,8 +25,8 @@ _FIELDS = ("words", "source", "kind", "entity", "since", "until", "least")
 @dataclass(frozen=True)
 class SearchPage:
     """What was asked, by the name of its field, and the answers, best first; or why there are none:
-    `problem`, and a `hint` what to do. `instead`: these are those to the
-    suggestion. `more`: there is another page. `covers`: what is searched. An answer of `hits` has the address of its
+    `problem`, and a `hint` what to do. `instead`: these are those to the suggestion. `more`: there
+    is another page. `covers`: what is searched. An answer of `hits` has the address of its
     surroundings, and its snippet in pieces of which every second one is marked.
     """
 
