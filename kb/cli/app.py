@@ -35,6 +35,7 @@ TREE = {
     "search": "Search transcripts, wiki pages and threads.",
     "mcp": "Serve search and tables to agents (Model Context Protocol).",
     "query": "Run SQL over the tables with DuckDB.",
+    "diff": "Compare two data roots or releases, row by row.",
     "explore": "Look at rows, stages and pairs in a browser, on this machine.",
     "merge": "Bring the data roots of several machines into one.",
     "refresh": "Re-read data that the services' terms require fresh.",
@@ -46,7 +47,7 @@ TREE = {
 GROUPS = {
     "Collect": tuple(SOURCES),
     "Build": ("build", "annotate", "pairs", "tasks", "links", "index", "clips", "label"),
-    "Look": ("status", "query", "search", "explore", "report", "mcp"),
+    "Look": ("status", "query", "diff", "search", "explore", "report", "mcp"),
     "Publish": ("release", "restore"),
     "Maintain": ("update", "refresh", "purge", "verify", "merge", "doctor"),
 }
@@ -103,6 +104,8 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
             from kb.cli.commands.search import mcp_app as app
         case "query":
             from kb.cli.commands.query import app
+        case "diff":
+            from kb.cli.commands.query import diff_app as app
         case "explore":
             from kb.cli.commands.search import explore_app as app
         case "merge":

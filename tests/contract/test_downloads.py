@@ -34,6 +34,7 @@ WORDS = {
     "pairs draw": "10",
     "pairs score": "--videos {files} --model {files}/ids.txt",
     "merge": "{files}",
+    "diff": "{above} {above}",
     "query": "FROM\tpairs",
     "release publish": "--to zenodo",
     "search": "wolf",
@@ -60,7 +61,7 @@ READING = {
     "verify": "",
     "youtube missing-transcripts": "",
 }
-WITHOUT_DATA = {"doctor", "models fetch", "profile new", "sandbox"}
+WITHOUT_DATA = {"diff", "doctor", "models fetch", "profile new", "sandbox"}
 MAKING = {
     *("demo", "merge", "reddit crawl", "reddit import", "reddit reconstruct", "restore"),
     *("wiki crawl", "youtube crawl", "youtube import"),

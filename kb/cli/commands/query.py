@@ -1,11 +1,11 @@
-"""`kb query`: SQL over the tables of a data root."""
+"""`kb query`: SQL over the tables of a data root. `kb diff`: the rows that differ in two."""
 
 from __future__ import annotations
 
 import contextlib
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,7 +21,7 @@ from kb.core.regular_file import read_regular
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from kb.query import ViewInfo
+    from kb.query import View, ViewInfo
 
 TIMEOUT = 600.0  # seconds
 
@@ -132,9 +132,7 @@ def query(
     address = table_catalog.address_of(run.settings.kb_data)
     views = None
     if address:
-        from kb.artifacts import remote_release  # not for nothing: its import takes long
-
-        views = remote_release.read_views(address)
+        views = _views_at(address)
     else:
         warn_stale(run)
     if tables and views is None:
@@ -155,6 +153,17 @@ def query(
                 progress=run.progress,
             )
         write_answer(_first(answer, options.limit) if options.limit else answer, chosen, out)
+
+
+def _views_at(place: str) -> Sequence[View]:
+    """The tables of a folder, or of a release at an address. Raises as `read` and `read_views`."""
+    from kb.artifacts import table_catalog
+
+    if address := table_catalog.address_of(place):
+        from kb.artifacts import remote_release  # not for nothing: its import takes long
+
+        return remote_release.read_views(address)
+    return table_catalog.read(Path(place)).views
 
 
 def _read(sql: str | None, file: Path | None) -> str:
@@ -199,3 +208,61 @@ def _first(answer: pa.RecordBatchReader, rows: int) -> pa.RecordBatchReader:
                 return
 
     return pa.RecordBatchReader.from_batches(answer.schema, batches())
+
+
+diff_app = group("Compare two data roots or releases, row by row.")
+
+
+@command(
+    diff_app,
+    raw=True,
+    without=("data", "profile"),
+    limit="Print only the first N rows (exit code 0).",
+    json="the rows, as with --format json",
+    resumable=False,
+    data="makes",
+    examples=[
+        "kb diff release-1.0 release-1.1              came, went and changed, a line a table",
+        "kb diff release-1.0 data --table youtube_videos     each row, and why some went",
+        "kb diff hf://datasets/ORG/NAME@v1.0 data --table pairs --out pairs.parquet",
+    ],
+)
+def diff(
+    options: Options,
+    old: Annotated[
+        str, typer.Argument(metavar="OLD", help="A data root, a release, or an address of one.")
+    ],
+    new: Annotated[str, typer.Argument(metavar="NEW", help="The same, of a later time.")],
+    table: Annotated[
+        str,
+        typer.Option(
+            "--table", metavar="NAME", help="The rows of this table, as `youtube_videos`."
+        ),
+    ] = "",
+    format: Annotated[
+        OutputFormat | None,
+        typer.Option("--format", help="As of `kb query`. [default: by --out's suffix, else table]"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Write to FILE instead of stdout."),
+    ] = None,
+) -> None:
+    """Compare two data roots, releases or restored roots; the exit code is 0 if they differ, too.
+
+    Rows of one declared key are one row. Without --table a line a table: rows that came, went and
+    changed. With it the rows: key, change, and of those that went stage, reason, value and
+    threshold, where NEW knows why: a removal, a rejection, a failure. Of a row that belongs to a
+    video, page or thread the reason is also that of its video, page or thread. A source is
+    compared in the fullest form that both sides have: clean, released, restored.
+    """
+    from kb.query.diff import Comparison
+    from kb.query.formats import choose, write_answer
+
+    chosen = choose(format or (OutputFormat.json if options.json else None), out)
+    with Comparison(_views_at(old), _views_at(new)) as compared, contextlib.ExitStack() as stack:
+        if table:
+            answer = stack.enter_context(compared.rows(table))
+        else:
+            answer = compared.counts().to_reader()
+        write_answer(_first(answer, options.limit) if options.limit else answer, chosen, out)
