@@ -326,6 +326,16 @@ class Type:
             return self.item.croissant()
         return _PLAIN[self.text][1] if not self.fields else "sc:Text"
 
+    def hugging_face(self) -> dict[str, Any]:
+        """The type as a feature in the front matter of a dataset card."""
+        if self.fields:
+            return {"struct": [{"name": name, **kind.hugging_face()} for name, kind in self.fields]}
+        if self.item is not None:
+            item = self.item.hugging_face()
+            return {"list": item.get("dtype") or item.get("struct") or item}
+        other = {"timestamp[us, UTC]": "timestamp[us, tz=UTC]", "date": "date32"}
+        return {"dtype": other.get(self.text, self.text)}
+
 
 def parse_type(text: str) -> Type:
     """Parses a declared type. Raises ValueError that says what is allowed."""

@@ -149,8 +149,26 @@ def test_hugging_face_reads_the_front_matter(downloaded: Path) -> None:
         for one in info if isinstance(info, list) else [info]:
             (split,) = one["splits"]
             files = sorted((downloaded / source).glob(f"{one['config_name']}-*-of-*.parquet"))
-            assert split["num_bytes"] == sum(path.stat().st_size for path in files)
+            assert one["download_size"] == sum(path.stat().st_size for path in files)
+            assert one["dataset_size"] == split["num_bytes"]
             assert split["num_examples"] == sum(pq.read_metadata(one).num_rows for one in files)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_features_and_sizes_are_those_that_hugging_face_finds(
+    downloaded: Path, tmp_path: Path, datasets: Any, name: str
+) -> None:
+    source, _, table = name.partition("/")
+    hub = pytest.importorskip("huggingface_hub")
+    card = hub.DatasetCard.load(downloaded / source / "README.md").data
+    declared = datasets.info.DatasetInfosDict.from_dataset_card_data(card)
+    infos = declared if len(declared) > 1 else {table: next(iter(declared.values()))}
+    shard = next((downloaded / source).glob(f"{table}-*-of-*.parquet"))
+    assert infos[table].features == datasets.Features.from_arrow_schema(pq.read_schema(shard))
+    rows = datasets.load_dataset(
+        str(downloaded / source), table, split="train", cache_dir=str(tmp_path)
+    )
+    assert infos[table].dataset_size == pytest.approx(rows.data.nbytes, rel=0.02, abs=512)
 
 
 def test_card_names_licence_tags_and_one_default(downloaded: Path) -> None:

@@ -9,14 +9,14 @@ every record. What a folder was made of, by which steps and software, is in term
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from typing import Any
 
 from kb.core.config.profile.release import Creator
 from kb.core.context import Run
 from kb.core.licences import licence
-from kb.core.sources import SOURCES, made_of
+from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.release.metadata.card import bibtex
 from kb.release.metadata.measure import DataFile, Facts, TableFacts
 from kb.release.metadata.templates import about, dataset_name, day, language, name, notes
@@ -110,7 +110,7 @@ def croissant(run: Run, facts: Facts) -> str:
         "prov:wasGeneratedBy": _activities(run, facts),
         **_responsible(run, facts),
         "distribution": files,
-        "recordSet": [_records(table) for table in facts.tables],
+        "recordSet": [_records(table, _referenced(table, facts)) for table in facts.tables],
     }
     return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
 
@@ -224,7 +224,23 @@ def _archive(file: DataFile) -> dict[str, Any]:
     }
 
 
-def _records(table: TableFacts) -> dict[str, Any]:
+def _referenced(table: TableFacts, facts: Facts) -> dict[str, str]:
+    """Column → the field of another table whose rows it names: their whole key. Of two tables with
+    one key the main one is referenced.
+    """
+    main, own = PUBLISHED[facts.source].main, table.table
+    named = {column.column.name for column in table.columns}
+    return {
+        other.key[0]: f"{other.short}/{other.key[0]}"
+        for other in (fact.table for fact in facts.tables)
+        if other.short != own.short
+        and len(other.key) == 1
+        and other.key[0] in named
+        and (other.key != own.key or other.short == main)
+    }
+
+
+def _records(table: TableFacts, referenced: Mapping[str, str]) -> dict[str, Any]:
     short = table.table.short
     source = (
         {"fileObject": {"@id": table.files[0].name}}
@@ -237,18 +253,24 @@ def _records(table: TableFacts) -> dict[str, Any]:
         "name": short,
         "description": f"{table.table.doc} {table.rows:,} rows.",
         "key": [{"@id": f"{short}/{column}"} for column in table.table.key],
-        "field": [_field(short, fact.column, source) for fact in table.columns],
+        "field": [
+            _field(short, fact.column, source, referenced.get(fact.column.name, ""))
+            for fact in table.columns
+        ],
     }
 
 
-def _field(short: str, column: Column, source: dict[str, Any]) -> dict[str, Any]:
-    """A column; of a list of structs the parts of each as fields below it."""
+def _field(short: str, column: Column, source: dict[str, Any], referenced: str) -> dict[str, Any]:
+    """A column, and the field of another table that it references; of a list of structs the parts
+    of each as fields below it.
+    """
     key = f"{short}/{column.name}"
     made = {"@type": "cr:Field", "@id": key, "name": column.name, "description": _described(column)}
     extract = {**source, "extract": {"column": column.name}}
     parts = column.parsed.item.fields if column.parsed.item is not None else ()
     if not parts:
-        return {**made, "dataType": column.parsed.croissant(), "source": extract}
+        joined = {"references": {"field": {"@id": referenced}}} if referenced else {}
+        return {**made, "dataType": column.parsed.croissant(), "source": extract, **joined}
     below = [
         {
             "@type": "cr:Field",

@@ -62,6 +62,7 @@ class TableFacts:
     rows: int
     files: tuple[DataFile, ...]
     columns: tuple[ColumnFacts, ...]
+    arrow_bytes: int  # of the rows in memory
 
     @property
     def size(self) -> int:
@@ -293,7 +294,14 @@ def _table(con: DuckDBPyConnection, part: ReleasedTable) -> TableFacts:
     )
     released = [column for column in part.table.columns if column.released]
     columns = tuple(_columns(con, scan(part.shards), released))
-    return TableFacts(part.table, sum(file.rows or 0 for file in files), files, columns)
+    rows = sum(file.rows or 0 for file in files)
+    return TableFacts(part.table, rows, files, columns, sum(map(_arrow_bytes, part.shards)))
+
+
+def _arrow_bytes(shard: Path) -> int:
+    """What its row groups take in memory, one after the other."""
+    with parquet.open_file(shard) as file:
+        return sum(file.read_row_group(n).nbytes for n in range(file.num_row_groups))
 
 
 def _columns(

@@ -8,6 +8,7 @@ Nothing is escaped by default, as Markdown, YAML and BibTeX differ: a template n
 | `yaml`   | data in YAML, always quoted                       |
 | `bib`    | data in a BibTeX field                            |
 | `flow`   | a block of the template as one line               |
+| `feature`| a column in a dataset card's front matter         |
 
 Sentences on each source (how it is collected, what it lacks, whom it concerns) are templates too,
 in templates/about/: they fit any domain, and the profile adds its own.
@@ -30,6 +31,7 @@ from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.core.templates import environment
 from kb.release.metadata.measure import Facts, Way
+from kb.schema import Column
 
 SANDBOX_NOTE = (
     "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: "
@@ -92,6 +94,12 @@ def folded(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
 
 
+def feature(column: Column) -> str:
+    """A column as Hugging Face describes it, in YAML."""
+    described = {"name": column.name, **column.parsed.hugging_face()}
+    return json.dumps(described, ensure_ascii=False)
+
+
 def notes(facts: Facts) -> list[str]:
     """What must stand on the first screen of a card, and in the metadata."""
     return [SANDBOX_NOTE] * facts.sandbox + [UNSCORED_NOTE] * facts.unscored
@@ -117,6 +125,7 @@ FILTERS = {
     "cell": cell,
     "commas": lambda n: f"{n:,}",
     "day": day,
+    "feature": feature,
     "figure": value,
     "flow": line,
     "line": line,

@@ -11,9 +11,11 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from kb.core import terminal
+from kb.core.config.profile.release import Release
 from kb.core.context import Run
 from kb.core.installation import software_address
 from kb.core.licences import licence
+from kb.core.sources import SOURCES, made_of
 from kb.release.metadata.measure import Facts
 from kb.release.metadata.templates import about, day, language, name, notes, span
 
@@ -35,6 +37,9 @@ ur urd uz uzb ve ven vi vie vo vol wa wln wo wol xh xho yi yid yo yor za zha zh 
 """
 _CODE_LIST = _CODES.split()
 _THREE = dict(zip(_CODE_LIST[::2], _CODE_LIST[1::2], strict=True))
+
+PAPER = "arXiv:2206.08853"  # "MineDojo: Building Open-Ended Embodied Agents …", NeurIPS 2022
+_ARTICLE: Literal["publication-article"] = "publication-article"
 
 Text = Annotated[str, Field(min_length=1)]
 
@@ -116,7 +121,7 @@ def deposit(run: Run, facts: Facts) -> str:
         keywords=tuple(dict.fromkeys((run.profile.title, *prose.words, *section.keywords))),
         notes=" ".join(notes(facts)) or None,
         communities=tuple(Community(identifier=one) for one in section.communities) or None,
-        related_identifiers=_related(section.homepage) or None,
+        related_identifiers=_related(section, facts.source),
     )
     return (
         Document(
@@ -126,16 +131,28 @@ def deposit(run: Run, facts: Facts) -> str:
     )
 
 
-def _related(homepage: str | None) -> tuple[Related, ...]:
-    """The project's page and the software."""
-    page = Related(identifier=homepage, relation="isDocumentedBy") if homepage else None
-    address = software_address()
-    made = (
-        Related(identifier=address, relation="isCompiledBy", resource_type="software")
-        if address
-        else None
-    )
-    return tuple(one for one in (page, made) if one is not None)
+def _related(section: Release, source: str) -> tuple[Related, ...]:
+    """The project's page, the software, the other folders whose DOI is known (which these rows were
+    made of, or which supplement them), and the paper whose data set is made anew.
+    """
+    related = [Related(identifier=PAPER, relation="references", resource_type=_ARTICLE)]
+    for other, published in section.published.items():
+        if published.doi and other != source:
+            made = source not in SOURCES and other in made_of(source)
+            related.append(
+                Related(
+                    identifier=published.doi,
+                    relation="isDerivedFrom" if made else "isSupplementTo",
+                    resource_type="dataset",
+                )
+            )
+    if section.homepage:
+        related.append(Related(identifier=section.homepage, relation="isDocumentedBy"))
+    if address := software_address():
+        related.append(
+            Related(identifier=address, relation="isCompiledBy", resource_type="software")
+        )
+    return tuple(related)
 
 
 def _description(run: Run, facts: Facts) -> str:
