@@ -33,6 +33,7 @@ from kb.store.tables.parquet import released_table
 
 TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
 INDEX = "index.ndjson"
+OVERVIEW = "README.md"  # above the folders of a release: what they are
 KEYWORDS = "keywords.tsv"  # that the profile names
 _ARCHIVE = re.compile(r"(screenshots|images)-\d{5}-of-\d{5}\.tar")
 

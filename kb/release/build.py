@@ -17,6 +17,7 @@ from duckdb import DuckDBPyConnection
 from kb.artifacts import domain_binding, freshness, manifest
 from kb.artifacts.release_folder import (
     KEYWORDS,
+    OVERVIEW,
     TOMBSTONES,
     ReleasedTable,
     ReleaseFolder,
@@ -35,6 +36,7 @@ from kb.release.metadata import measure
 from kb.release.metadata.card import card, citation, datasheet, law
 from kb.release.metadata.croissant import croissant
 from kb.release.metadata.measure import Facts, MeasuredPublication
+from kb.release.metadata.overview import overview
 from kb.release.metadata.zenodo import deposit
 from kb.schema import table
 from kb.store.artifact_registry import ARTIFACTS, SUMS
@@ -60,6 +62,7 @@ def release(
         refuse(check.check(run, exports))
         facts = [write(run, folder, published[folder.source]) for folder in exports]
         refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
+        write_overview(run)
         freshness.note_described(run, (folder.source for folder in exports))
     return Summary(
         command="release",
@@ -71,6 +74,12 @@ def release(
             one.source: {table.table.short: table.rows for table in one.tables} for one in facts
         },
     )
+
+
+def write_overview(run: Run) -> None:
+    """README.md above all folders that are described."""
+    if text := overview(run.profile, folders.in_root(run.root)):
+        write_text(Layout(run.root).release() / OVERVIEW, text)
 
 
 def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:

@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 from kb.artifacts import manifest
+from kb.artifacts.release_folder import OVERVIEW
 from kb.core.errors import DamagedData
 from kb.core.regular_file import NotRegular, check_regular
 from kb.core.sources import SOURCES
@@ -105,7 +106,7 @@ class FileVerifier:
         elif parts[0] == "state":
             self._state(path, parts)
         elif parts[0] == "release":
-            if len(parts) == 2:  # whole folders are checked by kb.verify.root
+            if len(parts) == 2 and path.name != OVERVIEW:  # kb.verify.root checks the folders
                 findings.foreign("release", path, "a release is a folder", "move it away")
         elif match := artifact_of(path):
             self._artifact(path, match[1])

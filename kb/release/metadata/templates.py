@@ -195,10 +195,10 @@ def about(profile: Profile, facts: Facts, show: Callable[[str], str] = line) -> 
         "profile": profile,
         "ways": {one.name for one in facts.ways},
     }
-    neutral = msgspec.convert(_rendered(_sentences(facts.source), values), About)
+    neutral = msgspec.convert(_rendered(sentences_on(facts.source), values), About)
     ways = [
         msgspec.convert(
-            _rendered(_sentences(one.source)["ways"][one.name], values | _rows_of(one)), AboutWay
+            _rendered(sentences_on(one.source)["ways"][one.name], values | _rows_of(one)), AboutWay
         )
         for one in facts.ways
     ]
@@ -234,7 +234,8 @@ def _rows_of(way: Way) -> dict[str, Any]:
 
 
 @functools.cache
-def _sentences(source: str) -> dict[str, Any]:
+def sentences_on(source: str) -> dict[str, Any]:
+    """The sentences on a folder, not filled yet."""
     path = TEMPLATES / "about" / f"{source}.toml"
     if not path.is_file():  # a source may bring its own
         path = SOURCES[source].package / "about.toml"

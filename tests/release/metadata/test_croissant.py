@@ -142,3 +142,48 @@ def test_language_of_the_profile_reaches_the_deposit(
     folder = tmp_path / "release" / "pairs"
     assert json.loads((folder / "zenodo.json").read_text())["metadata"].get("language") == sent
     assert f"language:\n- {written}\n" in (folder / "README.md").read_text()
+
+
+def test_record_sets_reference_each_other_and_nothing_is_left_to_warn_of(tmp_path: Path) -> None:
+    mlcroissant = pytest.importorskip("mlcroissant")
+    root = build(tmp_path, sources=SOURCES)
+    release(a_run(root, source_date_epoch=1_800_000_000))
+    found = set()
+    for source in SOURCES:
+        path = root / "release" / source / "croissant.json"
+        issues = mlcroissant.Dataset(str(path)).metadata.ctx.issues
+        assert [*issues.errors, *issues.warnings] == []
+        document = json.loads(path.read_text())
+        assert document["datePublished"] == "2027-01-15"
+        found |= {
+            (field["@id"], field["references"]["field"]["@id"])
+            for records in document["recordSet"]
+            for field in records["field"]
+            if "references" in field
+        }
+    assert found >= {
+        ("comments/post_id", "posts/post_id"),
+        ("elements/page_id", "pages/page_id"),
+        ("quality/pair_id", "pairs/pair_id"),
+        ("links/entity", "entities/entity"),
+    }
+
+
+def test_the_deposit_names_the_paper_and_the_folders_that_it_belongs_with(tmp_path: Path) -> None:
+    profile = tmp_path / "mine.toml"
+    profile.write_text(
+        'name = "mine"\ntitle = "Mine"\n[release]\nhomepage = "https://kb.example.org"\n'
+        'published.youtube.doi = "10.5281/zenodo.11"\npublished.reddit.doi = "10.5281/zenodo.12"\n'
+        'published.pairs.doi = "10.5281/zenodo.13"\n'
+    )
+    release(a_run(build(tmp_path, sources=("pairs",)), profile))
+    folder = tmp_path / "release" / "pairs"
+    deposit = json.loads((folder / "zenodo.json").read_text())["metadata"]
+    related = {one["identifier"]: one["relation"] for one in deposit["related_identifiers"]}
+    assert related == {
+        "arXiv:2206.08853": "references",
+        "10.5281/zenodo.11": "isDerivedFrom",
+        "10.5281/zenodo.12": "isSupplementTo",
+        "https://kb.example.org": "isDocumentedBy",
+    }
+    assert "url = {https://kb.example.org}" in (folder / "README.md").read_text()
