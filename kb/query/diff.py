@@ -24,7 +24,7 @@ from kb.core.errors import UsageError
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.suggestions import similar
 from kb.query.remote_duckdb import RemoteFiles, reading_views
-from kb.schema.tables import Table, table, tables
+from kb.schema.tables import WHEN_READ, Table, table, tables
 from kb.store.layout import VERDICTS
 from kb.store.tables import database
 from kb.store.tables.reading import reading, scan
@@ -32,7 +32,6 @@ from kb.store.tables.reading import reading, scan
 FORMS = ("clean", "links", "release", "restored")  # that are compared, the fullest first
 _MEMORY = "2GB"
 _BATCH = 10_000  # rows
-_READ = {"fetched_at", "counted_at"}  # when a row was read is no change of it
 _WHY = "STRUCT(stage VARCHAR, reason VARCHAR, value VARCHAR, threshold VARCHAR)"
 
 
@@ -139,7 +138,7 @@ class Comparison:
         key = " || '/' || ".join(f"coalesce({_quoted(n)}::VARCHAR, '')" for n in declared.key)
         scans = [self._scan(view) if view else "" for view in (old, new)]
         kinds = [self._kinds(rows) if rows else {} for rows in scans]
-        skipped = {*declared.key} | _READ
+        skipped = {*declared.key} | WHEN_READ
         if old and new and old.schema != new.schema:  # paths begin elsewhere, scores are not there
             skipped |= {column for _, column in PUBLISHED[declared.source].paths}
             skipped |= {

@@ -22,6 +22,7 @@ import msgspec
 import pyarrow as pa
 
 from kb import __version__
+from kb.artifacts import manifest
 from kb.artifacts.freshness import lineage
 from kb.artifacts.release_folder import KEYWORDS, ReleaseFolder
 from kb.core.config import pipeline
@@ -32,21 +33,28 @@ from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, lock_digest, software_address
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.release.metadata.measure import Facts
+from kb.schema.tables import WHEN_READ
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import writing
 from kb.store.damage import opening
 from kb.store.layout import Layout, parquet_files
+from kb.store.state import tombstones
 from kb.store.tables import database, parquet
+from kb.store.tables.reading import scan
 
 _ABOUT = b"lorebase"  # a name on disk, kept from the time before the project was renamed
 
 
 class TableChange(msgspec.Struct, frozen=True):
-    """One table since the release before."""
+    """One table since the release before; `changed`: None where that release noted keys alone, or
+    other columns. `reasons`: rows that went by the stage that rejects them now, or "removed".
+    """
 
     table: str
     added: int
     gone: int
+    changed: int | None = None
+    reasons: dict[str, int] = {}
 
 
 class Changes(msgspec.Struct, frozen=True):
@@ -69,19 +77,31 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
     hint = "remove it; changes since that version will be unknown"
     with opening(before, pa.ArrowException, duckdb.Error, ValueError, hint=hint):
         recorded = json.loads((parquet.footer(before).metadata or {}).get(_ABOUT, b"{}"))
+        known, now = recorded.get("columns", {}), _compared(folder)
+        digest = "o.content" if known else "NULL::UBIGINT"
         with database.asking() as con:
             con.register("now", _keys(folder))
             counted = con.execute(
-                """SELECT coalesce(n."table", o."table") AS t,
-                    count(*) FILTER (o.key IS NULL), count(*) FILTER (n.key IS NULL)
+                f"""SELECT coalesce(n."table", o."table") AS t, count(*) FILTER (o.key IS NULL),
+                    count(*) FILTER (n.key IS NULL), count(*) FILTER (n.content <> {digest})
                 FROM now n FULL JOIN read_parquet(?) o ON n."table" = o."table" AND n.key = o.key
                 GROUP BY t ORDER BY t""",
                 [str(before)],
             ).fetchall()
+            tables_ = [
+                TableChange(
+                    short,
+                    added,
+                    gone,
+                    changed if known.get(short) == now.get(short, []) else None,
+                    _reasons(con, root, folder.source, short, before) if gone else {},
+                )
+                for short, added, gone, changed in counted
+            ]
     return Changes(
         version=before.stem,
         built=recorded.get("built", ""),
-        tables=tuple(TableChange(*one) for one in counted),
+        tables=tuple(tables_),
         tombstones=max(0, facts.tombstones - recorded.get("tombstones", 0)),
     )
 
@@ -89,7 +109,7 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
 def record(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> None:
     """Record the keys of this version, for the next release."""
     built = facts.built.strftime("%Y-%m-%d") if facts.built else ""
-    about = {"built": built, "tombstones": facts.tombstones}
+    about = {"built": built, "tombstones": facts.tombstones, "columns": _compared(folder)}
     keys = _keys(folder).replace_schema_metadata({_ABOUT: json.dumps(about).encode()})
     path = Layout(root).released(folder.source) / f"{version}.parquet"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -101,14 +121,54 @@ def _number(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in version.split(".") if part.isdigit())
 
 
+def _reasons(
+    con: duckdb.DuckDBPyConnection, root: Path, source: str, short: str, before: Path
+) -> dict[str, int]:
+    """Rows of a source's own table that went since, by what the data root says of their keys."""
+    if source not in SOURCES or short not in SOURCES[source].tables:
+        return {}
+    prefix = SOURCES[source].tables[short]
+    removed = tombstones.read(root, source).select(["key"])
+    con.register("gone", removed)
+    verdicts = "SELECT key, 'removed' AS stage, 0 AS place FROM gone"
+    if files := manifest.rows(root, f"{source}/rejected"):
+        verdicts += f" UNION ALL SELECT key, stage, 1 FROM {scan(files)}"
+    counted = con.execute(
+        f"""WITH why AS (SELECT md5_number_lower(substr(key, {len(prefix) + 1})) AS key, stage
+            FROM ({verdicts}) WHERE starts_with(key, '{prefix}')
+            QUALIFY row_number() OVER (PARTITION BY key ORDER BY place) = 1)
+        SELECT stage, count(*) AS n FROM read_parquet($1) o JOIN why USING (key)
+        WHERE o."table" = $2 AND NOT EXISTS
+            (FROM now n WHERE n."table" = o."table" AND n.key = o.key)
+        GROUP BY 1 ORDER BY n DESC, stage""",
+        [str(before), short],
+    ).fetchall()
+    con.unregister("gone")
+    return dict(counted)
+
+
+def _compared(folder: ReleaseFolder) -> dict[str, list[str]]:
+    """The columns of each table by which a row has changed or not: not when it was read."""
+    return {
+        part.table.short: [
+            name
+            for name in part.table.names(released=True)
+            if name not in part.table.key and name not in WHEN_READ
+        ]
+        for part in folder.parts
+    }
+
+
 def _keys(folder: ReleaseFolder) -> pa.Table:
-    """table, key (a digest of the row's key) of every row, sorted."""
-    parts = []
+    """table, key and content (digests of the row's key, and of the rest) of every row, sorted."""
+    parts, compared = [], _compared(folder)
     with database.asking() as con:
         for part in folder.parts:
             columns = ", ".join(f'"{name}"::VARCHAR' for name in part.table.key)
+            rest = [f'coalesce("{name}"::VARCHAR, chr(30))' for name in compared[part.table.short]]
             rows: pa.Table = con.sql(
-                f"""SELECT ? AS "table", md5_number_lower(concat_ws(chr(31), {columns})) AS key
+                f"""SELECT ? AS "table", md5_number_lower(concat_ws(chr(31), {columns})) AS key,
+                md5_number_lower(concat_ws({", ".join(["chr(31)", "''", *rest])})) AS content
                 FROM read_parquet(?) ORDER BY key""",
                 params=[part.table.short, [str(shard) for shard in part.shards]],
             ).to_arrow_table()

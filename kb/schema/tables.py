@@ -27,6 +27,9 @@ from kb.core.cached_property import cached_property
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.sources import SCHEMA_FOLDERS, SOURCES
 
+WHEN_READ = frozenset({"fetched_at", "counted_at"})
+"""Columns that say when a row was read: another time alone is no change of it."""
+
 Text = Annotated[str, Meta(pattern=r"\S")]
 Line = Annotated[str, Meta(pattern=r"^[^\n]*\S[^\n]*$")]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]

@@ -80,5 +80,5 @@ def test_a_card_has_no_words_of_a_crawler(downloaded_demo: Path, source: str) ->
     card = (downloaded_demo / source / "README.md").read_text(encoding="utf-8")
     text = card[card.index("\n# ") :].replace("lorecrawl", "").replace("Lorecrawl", "")
     settings = text.index("| setting | value |")
-    told = text[:settings] + text[text.index("## Changes") :]
+    told = text[:settings] + text[text.index("## Since the version before") :]
     assert not re.search(r"\b(crawl\w*|frontier|ledger|raw answers?|kb refresh)\b", told)

@@ -3,7 +3,10 @@
 import hashlib
 import json
 import logging
+import shutil
+from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cffconvert import Citation
@@ -15,6 +18,7 @@ from kb.core.config.profile import load_profile
 from kb.core.errors import ProfileError
 from kb.pairs import keywords
 from kb.release.publish.publish import publish
+from kb.store.state import tombstones
 from tests.faults import Sandbox
 from tests.recipes import release
 from tests.release.conftest import a_run
@@ -91,14 +95,47 @@ def test_what_changed_since_the_release_before(tmp_path: Path) -> None:
     assert made("1.0.0", 40)[1] is None
     card, changes = made("1.1.0", 70)
     assert changes["version"] == "1.0.0"
-    assert changes["tables"] == [
-        {"table": name, "added": 60, "gone": 0} for name in ("pairs", "quality")
+    assert changes["tables"] == [  # the invented pairs of half of the ids are of other videos then
+        {"table": name, "added": 60, "gone": 0, "changed": 40, "reasons": {}}
+        for name in ("pairs", "quality")
     ]
     assert "Since version 1.0.0" in card
-    assert "| pairs | 60 | 0 |" in card
+    assert "| pairs | 60 | 0 | 40 | |" in card
     assert made("1.1.0", 70) == (card, changes)  # made again, nothing else is said
     _, changes = made("1.10.0", 25)
     assert (changes["version"], changes["tables"][0]["gone"]) == ("1.1.0", 90)
+
+
+def test_rows_that_changed_and_why_others_went(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    root = tmp_path / "root"
+
+    def made(version: str, edit: Any) -> dict[str, Any]:
+        path.write_text(f'name = "mine"\ntitle = "Mine"\n[release]\nversion = "{version}"\n{LINES}')
+        for folder in ("release", "clean"):
+            shutil.rmtree(root / folder, ignore_errors=True)
+        release(a_run(build(root, edit, ("youtube",), n=20), path))
+        document = json.loads((root / "release/youtube/provenance.json").read_text())
+        changes: dict[str, Any] = document["changes"]
+        return changes
+
+    def later(name: str, rows: list[dict[str, Any]]) -> None:
+        if name == "youtube/videos":
+            tombstones.add(root, "youtube", [(rows.pop(0)["video_id"], "named")])
+            rows[0]["view_count"] += 1
+            rows[1]["fetched_at"] += timedelta(hours=1)
+
+    made("1.0.0", lambda *_: None)
+    (table,) = made("1.1.0", later)["tables"]
+    assert table == {
+        "table": "videos",
+        "added": 0,
+        "gone": 1,
+        "changed": 1,
+        "reasons": {"removed": 1},
+    }
+    card = (root / "release" / "youtube" / "README.md").read_text()
+    assert "| videos | 0 | 1 | 1 | removed 1 |" in card
 
 
 def test_creator_and_contact_are_asked_for_by_publish_alone(
