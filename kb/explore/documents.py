@@ -26,7 +26,7 @@ from kb.mcp.documents import (
 )
 from kb.reader import thread as threads
 from kb.reader.tables import OpenTables
-from kb.reader.wiki_page import stored_png
+from kb.reader.wiki_page import stored_file
 from kb.schema import table
 from kb.search.passage import plain
 from kb.search.query import function_words, question
@@ -300,7 +300,7 @@ def screenshot(root: Path, query: Mapping[str, str], readers: Readers) -> bytes:
     shown = surroundings(root, parse_reference(query.get("ref", "")), readers).screenshot
     if shown is None:
         raise UsageError("the page has no screenshot")
-    return stored_png(shown.home, shown.path)[0]
+    return stored_file(shown.home, shown.path)[0]
 
 
 def _marker(root: Path, source: str, words: str) -> Marker:

@@ -101,7 +101,7 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     from PIL import Image
 
     _check_size(row)
-    data, where = stored_png(home, row["screenshot_path"])
+    data, where = stored_file(home, row["screenshot_path"])
     scale = row["device_pixel_ratio"]
     wanted = [round(row["page_width"] * scale), round(row["page_height"] * scale)]
     # Width and height of a PNG are in its header.
@@ -149,9 +149,9 @@ def outlined(image: Picture, boxes: Iterable[Box], scale: float) -> Picture:
     return copy
 
 
-def stored_png(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
-    """A screenshot's bytes, and where they are: `<tar>/<member>` of a release, or a data root's
-    file. Raises DamagedData.
+def stored_file(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
+    """The bytes of a screenshot or image, and where they are: `<tar>/<member>` of a release, or a
+    data root's file. Raises DamagedData.
     """
     tar, slash, member = path.partition("/")
     if isinstance(home, RemoteFolder):
@@ -237,8 +237,11 @@ class Page:
     page.title, page.url, page.row["license"]
     page.screenshot()                   # a Pillow image
     page.boxes("table")                 # a list of Box; .draw() draws them
-    page.elements, page.cells, page.images      # the page's rows
-    page.facts, page.recipes                    # from its infoboxes and recipes
+    page.text                           # Markdown
+    page.elements, page.cells           # the page's rows
+    page.links, page.categories         # where it leads, and what it is filed under
+    page.images                         # rows; .open(0) is the first one's file as an image
+    page.facts, page.recipes            # from its infoboxes and recipes
     """
 
     def __init__(self, opened: OpenTables, view: View, row: dict[str, Any]) -> None:
@@ -270,9 +273,26 @@ class Page:
         return self._rows("cells", "table_id, row_index, column_index")
 
     @property
-    def images(self) -> QueryResult:
-        """The page's rows of wiki_images."""
-        return self._rows("images", "element_id, frame_index")
+    def text(self) -> str:
+        """The page as Markdown, from wiki_page_text."""
+        (row,) = self._rows("page_text", "page_id").to_pylist() or [{"text": ""}]
+        return str(row["text"])
+
+    @property
+    def links(self) -> QueryResult:
+        """The page's rows of wiki_page_links: the pages that it leads to."""
+        return self._rows("page_links", "target_title, section, region, text")
+
+    @property
+    def categories(self) -> QueryResult:
+        """The page's rows of wiki_categories."""
+        return self._rows("categories", "category")
+
+    @property
+    def images(self) -> Images:
+        """The page's rows of wiki_images, with their files."""
+        rows = self._rows("images", "element_id, frame_index")
+        return Images(rows.to_table(), self._view.home)
 
     @property
     def facts(self) -> QueryResult:
@@ -332,6 +352,39 @@ class Page:
 
     def __repr__(self) -> str:
         return f"<wiki page {self.page_id}: {self.title}>"
+
+
+class Images(QueryResult):
+    """Rows of wiki_images, whose files open."""
+
+    def __init__(self, rows: pa.Table, home: Path | RemoteFolder) -> None:
+        super().__init__(rows)
+        self._home = home
+
+    @with_hints
+    def open(self, number: int) -> Picture:
+        """The file of a row as a Pillow image: an animation with all its frames.
+
+            data.page("Creeper").images.open(0).show()
+
+        Raises UsageError for a row without a file or with one that Pillow can't read (SVG),
+        MissingExtra without Pillow, DamagedData for a file that is missing or was changed.
+        """
+        needs("PIL", install="pillow")
+        from PIL import Image, UnidentifiedImageError
+
+        row = self.to_table().slice(range(self.count_rows())[number], 1).to_pylist()[0]
+        if row["path"] is None:
+            raise UsageError(
+                f"row {number} has no file", hint=f"the wiki's file is at {row['src']}"
+            )
+        data, where = stored_file(self._home, row["path"])
+        try:
+            return Image.open(io.BytesIO(data))
+        except UnidentifiedImageError:
+            raise UsageError(
+                f"Pillow can't read {row['media_type']}", hint=f"the file is {where}"
+            ) from None
 
 
 class Boxes(list[Box]):

@@ -36,12 +36,13 @@ _ESCAPED = re.compile(r"\\([&/\\])")
 
 
 class MarkupRules(NamedTuple):
-    """Of the profile's markup: units besides the usual ones, and the expression of names in long
-    texts.
+    """Of the profile's markup: units besides the usual ones, the expression of names in long texts,
+    and words that name the stations of recipes.
     """
 
     units: tuple[str, ...] = ()
     item: str = ""
+    stations: Mapping[str, tuple[str, ...]] = {}
 
 
 def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -> list[Row]:
