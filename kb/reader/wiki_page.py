@@ -302,7 +302,7 @@ class Page:
     @property
     def recipes(self) -> QueryResult:
         """The page's rows of wiki_recipes: the contents of each slot."""
-        return self._rows("recipes", "recipe_id, slot, alternative")
+        return self._rows("recipes", "recipe_index, slot, alternative")
 
     @with_hints
     def screenshot(self) -> Picture:

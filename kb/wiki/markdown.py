@@ -60,7 +60,7 @@ class PageText:
         self._fields = {fact["element_id"]: fact["field"] for fact in reversed(facts)}
         self._recipes = {
             number: list(slots)
-            for number, slots in groupby(recipes, lambda slot: slot["recipe_id"])
+            for number, slots in groupby(recipes, lambda slot: slot["recipe_index"])
         }
         self._written: set[int] = set()  # recipes
 

@@ -173,7 +173,7 @@ def test_the_tree_of_a_thing_has_what_goes_into_what_goes_into_it(root, site) ->
 
 def slot(number: int, role: str, *things: tuple[str | None, int | None]) -> list[dict[str, Any]]:
     """Rows of wiki/recipes of one slot, which shows the things in turn."""
-    own = {"page_id": 1, "recipe_id": 0, "slot": number, "role": role, "revision_id": 5}
+    own = {"page_id": 1, "recipe_index": 0, "slot": number, "role": role, "revision_id": 5}
     return [{**own, "item": item, "quantity": n, "element_id": None} for item, n in things]
 
 

@@ -106,7 +106,7 @@ def recipes(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules)
     return [
         {
             "page_id": page["page_id"],
-            "recipe_id": number,
+            "recipe_index": number,
             "slot": place,
             "role": "output" if slot["output"] else "input",
             "row_index": slot["row"],

@@ -98,7 +98,7 @@ def recipe_edges(
     captions = {
         element["parent"]: element["text"] for element in elements if element["tag"] == "caption"
     }
-    for number, group in groupby(slots, lambda slot: slot["recipe_id"]):
+    for number, group in groupby(slots, lambda slot: slot["recipe_index"]):
         own = list(group)
         at = next((slot["element_id"] for slot in own if slot["element_id"] is not None), None)
         parents = {key: element["parent"] for key, element in by_id.items()}
