@@ -128,7 +128,9 @@ def test_a_captured_file_outside_is_read_only_with_its_checksum(tmp_path: Path) 
         with pytest.raises(DamagedData, match="leads out of the data root"):
             read(tmp_path / "root", path)
     sidefiles.write_sums(folder)
-    assert stored_file(tmp_path / "root", path)[0] == b"a secret"  # no secret: the root describes it
+    assert (
+        stored_file(tmp_path / "root", path)[0] == b"a secret"
+    )  # no secret: the root describes it
     (folder / "screenshot.png").write_bytes(b"another")
     with pytest.raises(DamagedData, match="not what was stored"):
         stored_file(tmp_path / "root", path)
