@@ -29,7 +29,7 @@ from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
-from kb.artifacts import manifest
+from kb.artifacts.texts import exported_files
 from kb.core.context import Run
 from kb.core.engine import executor_of, map_in_order
 from kb.core.errors import FatalError, SettingError
@@ -104,8 +104,8 @@ class DocumentSource(Protocol):
 
 
 def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
-    """clean/<source> to export/text/<source>.jsonl, chunks to <source>-chunks.jsonl, as TextOptions
-    say. Without kept rows the file is empty.
+    """Kept or restored rows to export/text/<source>.jsonl, chunks to <source>-chunks.jsonl, as
+    TextOptions say. Without such rows the file is empty.
 
     Raises FatalError where nothing was filtered yet, SettingError for a file that is no tokenizer,
     MissingExtra, DamagedData, DiskFull.
@@ -115,7 +115,7 @@ def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
         _tokenizer(options.tokenizer)
     source = of.declared.name
     main, *others = (f"{source}/{short}" for short in of.declared.textual)
-    files = {name: manifest.rows(run.root, name) for name in (main, *others)}
+    files = {name: exported_files(run.root, name) for name in (main, *others)}
     parts, every = files[main], [one for some in files.values() for one in some]
     if not every:
         clean = ARTIFACTS[f"clean/{source}"]
