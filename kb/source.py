@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from kb.core.summary import Summary
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
-    from kb.export.text import TextDocument
+    from kb.export.text import TextDocument, TextFiles
     from kb.links.texts import TextPart
     from kb.mcp.documents import AgentDocument, SourceLocation
     from kb.reader.tables import OpenTables
@@ -123,9 +123,9 @@ class Source(Published, ABC):
         """What `kb search` indexes."""
         return iter(())
 
-    def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:
-        """The documents of `--format text` of one bucket: `files` of the `textual` tables, "" for
-        one without rows, and the address of the service. Raises DamagedData.
+    def text_documents(self, files: TextFiles, origin: str) -> Iterator[TextDocument]:
+        """The documents of `--format text` of one bucket: `files` of the `textual` tables, none
+        for one without rows, and the address of the service. Raises DamagedData.
         """
         return iter(())
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
 from kb.artifacts import index
+from kb.artifacts.stored_files import stored_file
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.explore.pairs import PairCard, cards
@@ -26,7 +27,6 @@ from kb.mcp.documents import (
 )
 from kb.reader import thread as threads
 from kb.reader.tables import OpenTables
-from kb.reader.wiki_page import stored_file
 from kb.schema import table
 from kb.search.passage import plain
 from kb.search.query import function_words, question

@@ -97,7 +97,7 @@ class DocumentPart(NamedTuple):
 
 
 class DocumentScreenshot(NamedTuple):
-    """Where a screenshot is, as kb.reader.wiki_page.stored_file takes it; its size, and the
+    """Where a screenshot is, as kb.artifacts.stored_files.stored_file takes it; its size, and the
     boxes of what stands at the place, in CSS pixels.
     """
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from kb.export.text import TextDocument, TextPiece
+from kb.export.text import TextDocument, TextFiles, TextPiece
 from kb.schema.tables import table
 from kb.store.tables.merge import Merge, RowsByKey
 from kb.store.tables.shard_writer import order
@@ -23,7 +23,7 @@ _HEADING = re.compile("(#{1,6}) ")
 _FENCE = ("```", "~~~~")  # no line of a text begins with one
 
 
-def documents(files: Mapping[str, str]) -> Iterator[TextDocument]:
+def documents(files: TextFiles) -> Iterator[TextDocument]:
     """The kept pages of one bucket, by id. Raises DamagedData."""
     texts = RowsByKey(_rows(files["wiki/page_text"], "page_text", ("page_id", "text")), "page_id")
     for page in _rows(files["wiki/pages"], "pages", _PAGE):
@@ -38,10 +38,10 @@ def documents(files: Mapping[str, str]) -> Iterator[TextDocument]:
         )
 
 
-def _rows(path: str, short: str, columns: tuple[str, ...]) -> Iterator[dict[str, Any]]:
-    if path:
+def _rows(paths: Sequence[str], short: str, columns: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+    if paths:
         by = order(table(f"wiki/{short}"))
-        with closing(Merge([Path(path)], by, list(columns), ahead=_AHEAD)) as merge:
+        with closing(Merge([*map(Path, paths)], by, list(columns), ahead=_AHEAD)) as merge:
             for rows in merge:
                 yield from rows.to_pylist()
 

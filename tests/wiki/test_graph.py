@@ -1,6 +1,7 @@
 """Links, categories, other titles and recipes of an invented wiki, against what it was made of."""
 
 import dataclasses
+import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +21,7 @@ from kb.sandbox.world import World
 from kb.wiki.crawl.connector import crawl
 from kb.wiki.parse.graph import recipe_edges
 from tests.faults import Sandbox
-from tests.recipes import export
+from tests.recipes import export, release
 
 
 def without_model(run: Run) -> Run:
@@ -42,6 +43,7 @@ def root(world, run_on, tmp_path_factory) -> Path:
         run = without_model(run)
         run_clean(run, "wiki")
         export(run, "wiki")
+        release(run, ["wiki"])
     return root
 
 
@@ -240,3 +242,29 @@ def test_a_page_that_is_not_kept_leaves_every_table_and_is_no_target(root, run_o
     titles = dict(rows("SELECT title, page_id FROM '{}/pages/*.parquet'", root))
     links = rows("SELECT target_title, target_page_id FROM '{}/page_links/*.parquet'")
     assert {page for title, page in links if titles.get(title, 0) in before - kept} == {None}
+
+
+@pytest.mark.parametrize("layout", ["text", "minedojo"])
+def test_a_download_is_exported_elsewhere_as_its_root_is(root, tmp_path, here, layout) -> None:
+    download, out = tmp_path / "wiki", tmp_path / "out"
+    shutil.copytree(root / "release/wiki", download)
+    asked = ("wiki", "export", "--format", layout, "--data", str(download))
+    assert here(*asked).code == 2
+    before = sorted(download.iterdir())
+    done = here(*asked, "--out", str(out))
+    assert done.code == 0, done.err
+    assert sorted(download.iterdir()) == before
+    done = here("wiki", "export", "--format", layout, "--data", str(root), "--out", f"{out}-root")
+    assert done.code == 0, done.err
+    made, expected = (
+        {path.relative_to(at): path.read_bytes() for path in at.rglob("*") if path.is_file()}
+        for at in (out, Path(f"{out}-root"))
+    )
+    assert made.keys() == expected.keys() != set()
+    assert made == expected
+    if layout == "text":
+        texts = {
+            row["id"]: row["text"] for row in map(json.loads, made[Path("wiki.jsonl")].splitlines())
+        }
+        rows = duckdb.sql(f"SELECT page_id, text FROM '{download}/page_text-*.parquet'").fetchall()
+        assert {str(page): text for page, text in rows} == texts
