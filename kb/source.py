@@ -20,6 +20,7 @@ from kb.core.sources import PUBLISHED, SOURCES, Publication, SourceDeclaration
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
+    from kb.artifacts.card_answers import CardAnswer
     from kb.artifacts.purge import PurgeRules
     from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
@@ -62,6 +63,12 @@ class Published:
         self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
     ) -> tuple[str, ...]:
         """How good the released rows are, with figures: sentences for card and datasheet."""
+        return ()
+
+    def answers(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> Sequence[CardAnswer]:
+        """Questions that the released rows answer, asked of them: a section of the card."""
         return ()
 
     def figures(self) -> Sequence[FigureMaker]:

@@ -12,6 +12,7 @@ from kb.source import Source
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
+    from kb.artifacts.card_answers import CardAnswer
     from kb.artifacts.purge import PurgeRules
     from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
@@ -83,6 +84,13 @@ class Wiki(Source):
         from kb.wiki.card import gaps
 
         return gaps(con, folder)
+
+    def answers(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> Sequence[CardAnswer]:
+        from kb.wiki.card import answers
+
+        return list(answers(con, root, folder))
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import minedojo, text, wiki_tar

@@ -18,8 +18,8 @@ import pytest
 
 import kb
 from kb.artifacts import manifest, release_folder
-from kb.core.errors import DamagedData
 from kb.artifacts.stored_files import stored_file
+from kb.core.errors import DamagedData
 from kb.release.gate import tables
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import SMALL

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +19,7 @@ from kb.filters.filter_run import run_clean
 from kb.sandbox.domain import domain_of
 from kb.sandbox.wiki.generated import GeneratedRecipe, GeneratedWiki
 from kb.sandbox.world import World
+from kb.wiki.card import QUESTIONS
 from kb.wiki.crawl.connector import crawl
 from kb.wiki.parse.graph import recipe_edges
 from tests.faults import Sandbox
@@ -268,3 +270,18 @@ def test_a_download_is_exported_elsewhere_as_its_root_is(root, tmp_path, here, l
         }
         rows = duckdb.sql(f"SELECT page_id, text FROM '{download}/page_text-*.parquet'").fetchall()
         assert {str(page): text for page, text in rows} == texts
+
+
+def test_the_card_answers_what_a_reader_asks(root, site) -> None:
+    """Each question with its rows, by a query that finds the same in a copy."""
+    text = (root / "release/wiki/README.md").read_text(encoding="utf-8")
+    asked = re.findall(
+        r"\*\*([^*\n]+\?)\*\*\n\n```sql\n(.*?);\n```\n\n((?:\|[^\n]*\n)+)", text, re.DOTALL
+    )
+    assert [question for question, *_ in asked] == [*QUESTIONS][:4]  # links are not released
+    data = kb.load(root / "release")
+    for _, query, table in asked:
+        found = data.sql(query)
+        head, _, *rows = table.splitlines()
+        assert head == "| " + " | ".join(found.columns) + " |"
+        assert len(rows) == len(found) > 0
