@@ -27,11 +27,14 @@ def is_restored(root: Path, source: str) -> bool:
 
 
 def exported_files(root: Path, name: str) -> list[Path]:
-    """The files of a table that exports read: clean ones, else restored ones. Raises DamagedData
-    for a lost file.
+    """The files of a table that exports read: clean ones, else restored ones; of a download
+    released ones that hold texts. Raises DamagedData for a lost file.
     """
+    catalog = Catalog(root.absolute())
+    if catalog.is_download:
+        return catalog.texts(name)
     if is_restored(root, name.partition("/")[0]):
-        return Catalog(root.absolute()).files(name)
+        return catalog.files(name)
     return manifest.rows(root, name)
 
 
