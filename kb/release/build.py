@@ -5,7 +5,7 @@ release(run)     gate → describe each folder → gate over what was written
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,9 @@ from kb.artifacts.release_folder import (
     read,
     tombstone_lines,
 )
+from kb.core.config.profile import Profile
 from kb.core.context import Run
-from kb.core.errors import ReleaseRefused, UsageError
+from kb.core.errors import NotReleasable, ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
 from kb.core.sources import PUBLISHED, made_of
 from kb.core.summary import Summary
@@ -50,10 +51,13 @@ from kb.store.tables.shard_writer import order
 def release(run: Run, only: Sequence[str] = ()) -> Summary:
     """Check and describe every exported folder, or `only` those of some sources.
 
-    Raises ReleaseRefused with `.problems`, UsageError.
+    Raises ReleaseRefused with `.problems`, UsageError, NotReleasable.
     """
+    refuse_unsigned(run.profile, only or [folder.source for folder in folders.in_root(run.root)])
+    exports = exported(run, only)
+    if unlicensed := [one.source for one in exports if not measure.folder_licence(run, one)]:
+        raise _unsigned(run.profile, unlicensed)
     with domain_binding.writing(run, *RELEASES):
-        exports = exported(run, only)
         refuse(check.check(run, exports))
         facts = [write(run, folder) for folder in exports]
         refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
@@ -67,6 +71,23 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
         sources={
             one.source: {table.table.short: table.rows for table in one.tables} for one in facts
         },
+    )
+
+
+def refuse_unsigned(profile: Profile, names: Iterable[str]) -> None:
+    """Raise NotReleasable unless the profile names a contact, a creator and these licences."""
+    unlicensed = profile.release.unlicensed(name for name in names if name in PUBLISHED)
+    if unlicensed or profile.release.unsigned():
+        raise _unsigned(profile, unlicensed)
+
+
+def _unsigned(profile: Profile, unlicensed: Sequence[str]) -> NotReleasable:
+    lacking = [f"no licence of {', '.join(unlicensed)}"] if unlicensed else []
+    lacking += [one.replace("a ", "no ", 1) for one in profile.release.unsigned()]
+    return NotReleasable(
+        f"the profile {profile.path} names {' and '.join(lacking)}",
+        hint="set [release.licenses], [[release.creators]] with a name, and release.contact, an"
+        " address for removal requests; then run `kb build`",
     )
 
 

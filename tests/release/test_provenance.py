@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import logging
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,6 @@ from kb import __version__
 from kb.cli import main
 from kb.core import installation
 from kb.core.config.profile import load_profile
-from kb.core.errors import ProfileError
 from kb.pairs import keywords
 from kb.release.build import release
 from kb.release.publish.publish import publish
@@ -101,39 +99,37 @@ def test_what_changed_since_the_release_before(tmp_path: Path) -> None:
     assert (changes["version"], changes["tables"][0]["gone"]) == ("1.1.0", 90)
 
 
-def test_creator_and_contact_are_asked_for_by_publish_alone(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("lacking", ["contact", "creators", "licenses"])
+def test_a_release_and_publish_ask_for_licence_creator_and_contact(
+    lacking: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     root = build(tmp_path, sources=("pairs",), n=10)
     path = tmp_path / "mine.toml"
-    bare = 'name = "mine"\ntitle = "Mine"\n[release]\nversion = "1.0.0"\n'
-    path.write_text(bare)
-    with caplog.at_level(logging.WARNING), Sandbox(services=["zenodo"]) as service:
-        release(a_run(root, path))
-        assert caplog.text == ""
+    head = 'name = "mine"\ntitle = "Mine"\n[release]\n'
+    lines = [line for line in LINES.splitlines() if not line.startswith(lacking)]
+    path.write_text(head + "\n".join(lines) + "\n")
+    before = sorted(root.rglob("*"))
+    with Sandbox(services=["zenodo"]) as service:
         for name, value in service.settings().items():
             monkeypatch.setenv(name, value)
-        words = ["release", "publish", "--to", "zenodo-sandbox", "--data", str(root)]
-        with pytest.raises(SystemExit) as left:
-            main([*words, "--profile", str(path)])
-        assert left.value.code == 2
-        assert "no creator and no contact" in capsys.readouterr().err
+        place = ["--data", str(root), "--profile", str(path)]
+        named = {"contact": "no contact", "creators": "no creator"}
+        for words in (["release"], ["release", "publish", "--to", "zenodo-sandbox"]):
+            with pytest.raises(SystemExit) as left:
+                main([*words, *place])
+            assert left.value.code == 2
+            assert named.get(lacking, "no licence of pairs") in capsys.readouterr().err
+        assert service.ledger.requests() == []
+        assert sorted(root.rglob("*")) == before
+        path.write_text(head + LINES)
         settings = {
             "kb_zenodo_endpoint": service.servers["zenodo"].url,
             "zenodo_token": service.settings()["ZENODO_TOKEN"],
         }
-        path.write_text(bare + 'contact = "me@example.org"\n')
-        with pytest.raises(ProfileError, match="names no creator"):
-            publish(a_run(root, path, **settings), "zenodo-sandbox")
-        path.write_text(bare + LINES)
-        with pytest.raises(ProfileError, match="was made before") as old:
-            publish(a_run(root, path, **settings), "zenodo-sandbox")
-        assert "kb release" in old.value.hint
-        assert service.ledger.requests() == []
-        caplog.clear()
         release(a_run(root, path))
-        assert not caplog.text
         assert publish(a_run(root, path, **settings), "zenodo-sandbox")["drafts"] == 1
 
 

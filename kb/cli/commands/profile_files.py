@@ -10,8 +10,9 @@ from __future__ import annotations
 import re
 import shlex
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from kb.core.config.addresses import is_loopback
@@ -33,6 +34,7 @@ from kb.core.config.profile.base import (
 )
 from kb.core.config.profile.check import Checked, check_file
 from kb.core.config.profile.new import KEYWORDS, profile_text
+from kb.core.config.profile.release import Release
 from kb.core.errors import (
     CredentialRefused,
     FatalError,
@@ -220,16 +222,20 @@ def write_new(
     source: str | None = None,
     wiki: str | None = None,
     subreddit: str | None = None,
+    owner: Mapping[str, str | None] = MappingProxyType({}),
 ) -> tuple[Path, list[str]]:
     """Write the files, and return their folder and names. Nothing is overwritten.
+
+    `owner` may have licence, creator and contact of a release.
 
     Raises SettingError for a wrong name or URL and for an existing file, ProfileError for a
     `source` that can't be read.
     """
     _check_name(name)
     base = load_profile(source) if source is not None else None
-    text = profile_text(name, wiki=wiki, subreddit=subreddit, source=base)
-    _check_given(text, wiki=wiki, subreddit=subreddit)
+    signed = _signed(**owner)
+    text = profile_text(name, wiki=wiki, subreddit=subreddit, source=base, release=signed)
+    _check_given(text, wiki=wiki, subreddit=subreddit, **owner)
     files = {PROFILE_FILE: text}
     if base is None:
         files["keywords.tsv"] = KEYWORDS
@@ -279,9 +285,28 @@ def _check_name(name: str) -> None:
     )
 
 
-def _check_given(text: str, *, wiki: str | None, subreddit: str | None) -> None:
+def _signed(
+    *, licence: str | None = None, creator: str | None = None, contact: str | None = None
+) -> dict[str, Any]:
+    """Keys of [release]; one licence is for all folders but the wiki's, whose pages name one."""
+    licensed = Release().unlicensed()
+    known = {
+        "release.licenses": licence and dict.fromkeys(licensed, licence),
+        "release.creators": creator and ({"name": creator},),
+        "release.contact": contact,
+    }
+    return {key: value for key, value in known.items() if value}
+
+
+def _check_given(text: str, **options: str | None) -> None:
     """Raise SettingError now for values that would be refused later."""
-    given = {"wiki.url": ("--wiki", wiki), "reddit.subreddit": ("--subreddit", subreddit)}
+    keys = {
+        "wiki.url": "wiki",
+        "reddit.subreddit": "subreddit",
+        "release.contact": "contact",
+        **{f"release.licenses.{name}": "licence" for name in Release().unlicensed()},
+    }
+    given = {key: (f"--{name}", options.get(name)) for key, name in keys.items()}
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / PROFILE_FILE
         path.write_text(text, encoding="utf-8")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.core import terminal
 from kb.core.errors import Stopped
+from kb.core.progress import EVENTS
 from kb.net import redact
 
 if TYPE_CHECKING:  # `kb --help` loads this module
@@ -73,11 +74,13 @@ def complete(words: str) -> str:
 
 def fail(message: str, *, hint: str = "") -> None:
     """One line on stderr about what ended the command."""
+    EVENTS.error(" ".join(message.split()) + (f"; {hint}" if hint else ""))
     _to_stderr(f"kb: {' '.join(message.split())}" + (f"; {hint}" if hint else ""))
 
 
 def warn(message: str) -> None:
     """One line on stderr about something that does not end the command."""
+    EVENTS.warning(" ".join(message.split()))
     _to_stderr(f"warning: {' '.join(message.split())}")
 
 

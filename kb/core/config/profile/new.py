@@ -21,6 +21,8 @@ from kb.core.config.profile import Profile
 from kb.core.config.profile.base import FILL_IN, model_in
 
 _WIDTH = 98
+# What only the owner of a release can say of it.
+OWNERS = ("release.licenses", "release.creators", "release.contact")
 _CATEGORIES = (
     "1 Film, 2 Autos, 10 Music, 15 Pets, 17 Sports, 19 Travel, 20 Gaming, 22 People, 23 Comedy,"
     " 24 Entertainment, 25 News, 26 Howto & Style, 27 Education, 28 Science & Technology"
@@ -77,10 +79,16 @@ def profile_text(
     wiki: str | None = None,
     subreddit: str | None = None,
     source: Profile | None = None,
+    release: Mapping[str, Any] | None = None,
 ) -> str:
-    """The text of a profile.toml named `name`. `wiki` and `subreddit` win over the source's."""
+    """The text of a profile.toml named `name`. `wiki`, `subreddit` and the keys of `release` win
+    over the source's. Who releases the data, and under which licence, is copied from no shipped
+    profile.
+    """
     if source:
         title, known = source.title, dict(_values("", source))
+        if source.is_shipped:
+            known = {key: value for key, value in known.items() if key not in OWNERS}
     else:
         title = " ".join(part.capitalize() for part in re.split("[-_]+", name))
         known = {
@@ -91,7 +99,7 @@ def profile_text(
             "reddit.subreddit": FILL_IN,
             "pairs.keyword_files": ["keywords.tsv"],
         }
-    known |= {"name": name}
+    known |= {"name": name} | (release or {})
     if wiki is not None:
         known["wiki.url"] = wiki
     if subreddit is not None:
@@ -144,9 +152,11 @@ def _key(key: str, field: FieldInfo, known: Mapping[str, Any]) -> Iterator[str]:
     """A key with what it is for; behind # where it has its default."""
     default = field.get_default(call_default_factory=True)
     value = known.get(key, default)
-    yield "\n" + _comment("; ".join(filter(None, [field.description, _allowed(field, value)])))
+    is_set = value is not None and not (value == {} and field.examples)
+    allowed = _allowed(field, value) if is_set else "not set"
+    yield "\n" + _comment("; ".join(filter(None, [field.description, allowed])))
     sign = "" if key in known else "#"
-    if value is None:
+    if not is_set:
         value = _example(field)
     if not isinstance(value, dict):
         yield _behind(sign, f"{key} = {_toml(value)}")
@@ -162,8 +172,6 @@ def _allowed(field: FieldInfo, value: Any) -> str:
     """The limits of a value, or the words that it is one of."""
     if typing.get_origin(field.annotation) is typing.Literal:
         return "one of " + ", ".join(json.dumps(one) for one in typing.get_args(field.annotation))
-    if value is None:
-        return "not set"
     if isinstance(value, dict) and value:
         return "change all of these lines or none"
     lines = []
