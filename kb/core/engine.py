@@ -55,7 +55,7 @@ class Processes(ProcessPoolExecutor):
     def __init__(self, workers: int) -> None:
         # spawn: DuckDB, Arrow and torch keep threads that a forked child would inherit broken.
         context = multiprocessing.get_context("spawn")
-        self._records: "Queue[logging.LogRecord | None]" = context.Queue()
+        self._records: Queue[Any] = context.Queue()
         self._records.cancel_join_thread()
         given = (self._records, logging.getLogger().level)
         super().__init__(workers, mp_context=context, initializer=_begin_worker, initargs=given)

@@ -24,7 +24,7 @@ BYTES, KEPT = 10_000_000, 5
 MARK = "…"
 _ID = r"[A-Za-z0-9_-]"
 _PRIVATE = (
-    (re.compile(r"(https?://[^/\s'\"]+)/[^\s'\"]*"), rf"\1/{MARK}"),
+    (re.compile(r"(https?://[^/\s'\"]+)/[^\s'\"]*[^\s'\":;,.)]"), rf"\1/{MARK}"),
     # what is quoted, but for keys of a profile ('youtube.min_views')
     (re.compile(r"(['\"“])(?![a-z_]+\.[a-z_.]+['\"])[^'\"“”\n]*(['\"”])"), rf"\1{MARK}\2"),
     (re.compile(rf"\bt[1-6]_[0-9a-z]+\b|\b(?:UC|PL|UU|OL){_ID}{{10,40}}"), MARK),
@@ -34,7 +34,12 @@ _PRIVATE = (
         rf"\1{MARK}",
     ),
     # a video's id: eleven characters that are no word
-    (re.compile(rf"(?<![\w.-])(?=\S*[0-9A-Z_])(?![A-Z]?[a-z-]+\b){_ID}{{11}}(?![\w-])"), MARK),
+    (
+        re.compile(
+            rf"(?<![\w.-])(?=\S*[0-9A-Z_])(?!(?:[A-Z]?[a-z-]+|\d+)(?![\w-])){_ID}{{11}}(?![\w-])"
+        ),
+        MARK,
+    ),
 )
 
 
