@@ -11,14 +11,15 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.links.build import build
+from kb.registry import PUBLISHED, SOURCES
 from kb.wiki.parse.answers import named_pages
 
 
 def tables(run: Run) -> Summary:
     """Make the entity tables."""
-    return build(run, lambda: named_pages(run.root))
+    return build(run, SOURCES, lambda: named_pages(run.root))
 
 
 def export(run: Run) -> Summary:
     """links/ to release/links."""
-    return layouts.export(run, "links")
+    return layouts.export(run, PUBLISHED["links"])

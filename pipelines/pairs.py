@@ -19,6 +19,7 @@ from kb.pairs import measures
 from kb.pairs.build import build, check
 from kb.pairs.keywords import Keywords
 from kb.pairs.measures import VideoSample
+from kb.registry import PUBLISHED
 from kb.score.build import put_back
 from kb.store.tables.columns import word_count
 from kb.youtube.crawl.second_tracks import (
@@ -43,7 +44,7 @@ def tables(run: Run) -> Summary:
 
 def export(run: Run, format: str = "parquet") -> Summary:
     """pairs/ to release/pairs, or to export/<format>."""
-    return layouts.export(run, "pairs", format)
+    return layouts.export(run, PUBLISHED["pairs"], format)
 
 
 def measure(run: Run, size: int) -> Summary:

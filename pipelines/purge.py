@@ -19,10 +19,10 @@ from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
 from kb.core.context import Run
 from kb.core.errors import KbError
-from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.crawl.purge import dry_purge, remove_keys
 from kb.filters.filter_run import texts
+from kb.registry import SOURCES
 from kb.store import lock
 
 
@@ -36,7 +36,7 @@ def purge(
     """
     rules, listed, asked = _asked_for(source, ids, people)
     with domain_binding.writing(run, *lock.of_purge(source)):
-        purge, removed = remove_keys(run, rules, listed, asked)
+        purge, removed = remove_keys(run, SOURCES[source].connector(run), rules, listed, asked)
         scores = 0
         if purge.removed:
             with manifest.editing(run.root, f"annotations/{source}"):
@@ -67,7 +67,8 @@ def make_again(run: Run) -> None:
 def plan(run: Run, source: str, ids: Path | None, people: Path | None = None) -> Summary:
     """The same as a dry run: what would be removed, by table and folder."""
     rules, listed, asked = _asked_for(source, ids, people)
-    with dry_purge(run, rules, listed, asked) as purge:
+    connector = SOURCES[source].connector(run)
+    with dry_purge(run, connector, rules, listed, asked) as purge:
         counted = (steps.derived, steps.answers, steps.kept) if purge.removed else ()
         return steps.plan_summary(purge, (line for step in counted for line in step(purge)))
 

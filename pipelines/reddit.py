@@ -11,7 +11,6 @@ from typing import Any
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
-from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
@@ -20,6 +19,8 @@ from kb.filters.predicates import AtLeast, In, NotIn, NotTrue, Predicate, Presen
 from kb.reddit import status
 from kb.reddit.parse.answers import KINDS, raw_kind
 from kb.reddit.parse.assemble import HELPERS, assemble, with_counts, with_posts
+from kb.reddit.section import RedditSection
+from kb.registry import PUBLISHED
 
 THERE = (
     NotTrue("missing", stage="missing", reason="missing"),
@@ -83,5 +84,5 @@ def clean(p: Profile) -> Clean:
 
 def export(run: Run, source: str, format: str = "parquet", **options: Any) -> Summary:
     """clean/reddit to release/reddit, or to export/<format>, with what could be read in part."""
-    made = layouts.export(run, source, format, **options)
+    made = layouts.export(run, PUBLISHED[source], format, **options)
     return Summary(made | status.incomplete_count(run.root))

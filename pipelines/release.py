@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from kb.artifacts import freshness
 from kb.core.context import Run
 from kb.core.summary import Summary
+from kb.registry import PUBLISHED
 from kb.release import build
 
 
@@ -25,4 +26,4 @@ def release_needs(run: Run) -> None:
 
 def release(run: Run, only: Sequence[str] = ()) -> Summary:
     """Run the gate, then write everything that describes the data."""
-    return build.release(run, only)
+    return build.release(run, PUBLISHED, only)

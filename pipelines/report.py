@@ -6,6 +6,7 @@ from pathlib import Path
 
 from kb.core.context import Run
 from kb.core.summary import Summary
+from kb.registry import PUBLISHED
 from kb.report import build
 
 
@@ -16,4 +17,4 @@ def report_needs(run: Run) -> None:
 
 def report(run: Run, out: Path | None = None) -> Summary:
     """clean/, pairs/, tasks/ and links/ → report/, or `out`."""
-    return build.report(run, out)
+    return build.report(run, PUBLISHED, out)

@@ -12,14 +12,12 @@ from dataclasses import replace
 from kb.artifacts.restore import RestoreJob, choose, write_missing
 from kb.core.config.pipeline import Recipe
 from kb.core.config.profile import Profile
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary import plan as planned
 from kb.crawl.job import Parts
 from kb.filters.chain import Clean, Description
 from kb.filters.filter_run import run_clean
-from kb.filters.topic import released_stages
 from kb.pairs.restore import TextRestore
 from kb.reddit.dumps.files import Dumps, find_dumps
 from kb.reddit.restore.reconstruct import ThreadRestore
@@ -27,6 +25,8 @@ from kb.release.folders import Folders, keep_profile, verify
 from kb.store import lock
 from kb.store.layout import Layout
 from kb.youtube.restore import VideoRestore
+from kb.youtube.section import YouTubeSection
+from kb.youtube.topic import released_stages
 
 ROWS = ("videos", "transcripts", "posts", "comments", "pairs", "filled", "differing")
 

@@ -11,6 +11,7 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.filter_run import check_kept, check_scorer, run_clean
+from kb.registry import PUBLISHED
 
 
 def tables_needs(run: Run, source: str) -> None:
@@ -25,4 +26,4 @@ def tables(run: Run, source: str) -> Summary:
 
 def export(run: Run, source: str, format: str = "parquet", **options: Any) -> Summary:
     """Write the kept rows in a layout."""
-    return layouts.export(run, source, format, **options)
+    return layouts.export(run, PUBLISHED[source], format, **options)

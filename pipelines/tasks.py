@@ -10,6 +10,7 @@ transcript, say when the task begins and ends.
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
+from kb.registry import PUBLISHED
 from kb.tasks.build import build
 from kb.youtube.ytdlp.info import playlists
 
@@ -21,4 +22,4 @@ def tables(run: Run) -> Summary:
 
 def export(run: Run, format: str = "parquet") -> Summary:
     """tasks/ to release/tasks, or to export/<format>."""
-    return layouts.export(run, "tasks", format)
+    return layouts.export(run, PUBLISHED["tasks"], format)

@@ -13,8 +13,9 @@ from kb.artifacts import freshness, manifest
 from kb.artifacts.makers import MADE, STOPPED, make_outdated
 from kb.core.context import Run
 from kb.core.errors import DamagedData, DiskFull, Interrupted, KbError
-from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.sources import PUBLISHED
 from kb.crawl.session import open_session
+from kb.registry import SOURCES
 from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, RELEASE
 from kb.store.layout import Layout

@@ -14,7 +14,6 @@ from pathlib import Path
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
-from kb.core.config.profile.collecting import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.filters.chain import (
@@ -30,6 +29,7 @@ from kb.filters.predicates import AtLeast, Predicate, Present, RecordedReason, W
 from kb.wiki.parse import tables as parsed
 from kb.wiki.parse.decode import HELPERS, KINDS, assemble
 from kb.wiki.parse.facts import MarkupRules
+from kb.wiki.section import WikiSection
 
 NEEDED = ("page_id", "title", "url", "revision_id", "revision_timestamp")
 

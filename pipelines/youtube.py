@@ -11,7 +11,6 @@ from pathlib import Path
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
@@ -35,12 +34,14 @@ from kb.filters.predicates import (
     rows_passing,
     transcript_required,
 )
-from kb.filters.topic import Topic
+from kb.registry import PUBLISHED
 from kb.store.tables.columns import word_count
 from kb.youtube.crawl.ids import Part
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered, with_tracks
 from kb.youtube.parse.channels import mark
 from kb.youtube.parse.view_counting import kept_counts
+from kb.youtube.section import YouTubeSection
+from kb.youtube.topic import Topic
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 # What rejected rows keep for readers.
@@ -128,4 +129,4 @@ def clean(p: Profile) -> Clean:
 
 def export_open_text(run: Run) -> Summary:
     """Transcripts under an open licence to release/open-text, where the profile asks for it."""
-    return layouts.export(run, "open-text")
+    return layouts.export(run, PUBLISHED["open-text"])

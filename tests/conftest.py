@@ -15,11 +15,11 @@ import hypothesis
 import pytest
 
 from kb.core import clock, signals
-from kb.core.config.profile import collecting
 from kb.net import retry
 from kb.sandbox.youtube.captions import SpokenCue
 from kb.sandbox.youtube.cases import Track, Video
 from kb.sandbox.youtube.catalogue import Catalogue
+from kb.wiki import section as wiki_section
 
 # A slow machine is no defect; the same examples everywhere, so that a failure can be seen again.
 hypothesis.settings.register_profile("lorecrawl", deadline=None, derandomize=True)
@@ -132,7 +132,7 @@ def _at_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Catalogue, "cues", cues)
         patch.setattr(retry, "FIRST_S", 0.001)
-        patch.setattr(collecting, "STILL_S", 0.1)
+        patch.setattr(wiki_section, "STILL_S", 0.1)
         yield
 
 

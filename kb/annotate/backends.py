@@ -24,12 +24,12 @@ from typing import Any
 
 import msgspec
 
-from kb.annotate.checkpoint import Checkpoint, sha256_of, tokenizer_files
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.inference import TOKEN_BUDGET, Meta, ModelNetwork, Runner
 from kb.core.errors import MissingModel, SettingError
 from kb.core.installation import cache_root, making
 from kb.store.atomic import writing
+from kb.store.checkpoint import Checkpoint, sha256_of, tokenizer_files
 
 # Within this of a threshold a reduced score may fall on the other side; half of it was measured, on
 # random weights (int8 without VNNI: 0.087). It ends between two rounded scores, so that none lies

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from kb.annotate.checkpoint import Checkpoint, need_extra, tokenizer_files
 from kb.core.errors import MissingModel
 from kb.core.regular_file import open_regular
+from kb.store.checkpoint import Checkpoint, need_extra, tokenizer_files
 from kb.store.exhausted import is_out_of_memory
 
 WINDOW = 512  # tokens that every published model reads at once

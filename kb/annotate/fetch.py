@@ -11,7 +11,6 @@ from typing import Any
 
 import requests
 
-from kb.annotate.checkpoint import PUBLISHED, Published, models_folder, problem_of, sha256_of
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, Retryable, SettingError
@@ -20,6 +19,7 @@ from kb.net import bounded
 from kb.net.retry import attempt
 from kb.net.session import HttpSession, failure, send
 from kb.store.atomic import sync_file, sync_folder
+from kb.store.checkpoint import PUBLISHED, Published, models_folder, problem_of, sha256_of
 from kb.store.exhausted import full_disk_is_resumable
 
 MODEL_BYTES, MODEL_S = 4 << 30, 24 * 3600.0  # at most, of one file

@@ -25,15 +25,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.annotate.backends import REACH, check_options, choose_device, open_runner, prepare
-from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
 from kb.artifacts import manifest, score_files
 from kb.artifacts.freshness import MODEL
 from kb.core import clock, signals
-from kb.core.config.settings import Settings
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached, MissingExtra, MissingModel
+from kb.store.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.store.layout import Layout, parquet_files
 
 CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # the largest chunk
@@ -189,16 +188,6 @@ def stored(root: Path, source: str) -> str:
     if made is not None and (key := made.settings.get(MODEL)):
         return str(key)
     return Scores(str(Layout(root).annotations(source)), "", "").most_used()
-
-
-def installed(settings: Settings) -> str:
-    """The key of the model that would score texts now; "" where none is installed."""
-    try:
-        need_extra()
-        checkpoint = find_checkpoint(settings)
-    except (MissingExtra, MissingModel):
-        return ""
-    return f"{checkpoint.model}@{checkpoint.revision}"
 
 
 def annotate(run: Run, source: str, texts: Iterable[Any]) -> AnnotationCounts:

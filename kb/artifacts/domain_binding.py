@@ -205,24 +205,22 @@ def _holds_data(root: Path) -> bool:
 
 
 def _agrees(root: Path, profile: Profile) -> bool:
-    """Whether hosts and subreddit, as far as they were noted, can be this profile's.
-
-    A subreddit comes from nowhere else, so another one is refused. A wiki's address may have been
-    a setting.
+    """Whether the services, as far as they were noted, can be this profile's. Another one is
+    refused where no setting could have named it.
     """
-    subreddit = bound_services(root, "reddit").get("subreddit")
-    if profile.reddit and subreddit and subreddit != profile.reddit.subreddit.lower():
-        raise OtherService(
-            f"{root} holds reddit data of subreddit {subreddit},"
-            f" which is not that of the profile {profile.name!r}",
-            hint="use another --data folder, or the --profile it was made with",
-        )
-    wiki = bound_services(root, "wiki").get("wiki")
-    return not (profile.wiki and wiki) or wiki.split("/")[0] in (
-        urlsplit(profile.wiki.url).hostname,
-        "127.0.0.1",
-        "localhost",
-    )
+    agrees = True
+    for source in SOURCES:
+        section = getattr(profile, source)
+        if section is None or not (other := section.other_service(bound_services(root, source))):
+            continue
+        if not section.set_elsewhere:
+            raise OtherService(
+                f"{root} holds {source} data of {other},"
+                f" which is not that of the profile {profile.name!r}",
+                hint="use another --data folder, or the --profile it was made with",
+            )
+        agrees = False
+    return agrees
 
 
 def bind_service(root: Path, source: str, **facts: str) -> None:

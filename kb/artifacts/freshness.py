@@ -24,20 +24,21 @@ from kb.artifacts.manifest import Manifest
 from kb.artifacts.table_catalog import Catalog
 from kb.core.config.pipeline import digests
 from kb.core.config.profile import Profile
-from kb.core.config.profile.base import read_text
+from kb.core.config.section import read_text
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, SettingError
 from kb.core.installation import PROFILE_FILE, lock_digest
-from kb.core.sources import MADE_OF, PUBLISHED, SOURCES, made_of
+from kb.core.sources import MADE, PUBLISHED, SOURCES, made_of
 from kb.schema.tables import table
 from kb.store.artifact_registry import ARTIFACTS, RELEASE
+from kb.store.checkpoint import installed
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 
 MODEL = "KB_TOXICITY_MODEL"
 FORMATS = tuple(dict.fromkeys(name for one in PUBLISHED.values() for name in one.formats))
-NAMES = (*SOURCES, *(name for name in MADE_OF if name != "open-text"), "index", "report", RELEASE)
+NAMES = (*SOURCES, *(name for name in MADE if not MADE[name].part_of), "index", "report", RELEASE)
 NEVER_MADE = "not made yet"
 _NO_RECIPE = "its recipe was not recorded"
 _LONGEST = 40  # characters of a value in a message
@@ -69,14 +70,15 @@ def _settings_now(run: Run, name: str, made: Manifest) -> dict[str, Any]:
     if source != name and run.profile.toxicity.on and MODEL in made.settings:
         used = str(made.settings[MODEL])
         same = used.startswith(f"{run.settings.kb_toxicity_model}@")
-        values[MODEL] = used if same else SOURCES[source].model(run) or used
+        values[MODEL] = used if same else installed(run.settings) or used
     return values
 
 
 def _values(profile: Profile, parts: Sequence[str], others: Sequence[str] = ()) -> dict[str, Any]:
     data = profile.model_dump(mode="json")
-    if profile.youtube is not None:
-        data["youtube"]["topic_keywords"] = list(profile.youtube.words)
+    for name in SOURCES:
+        if words := getattr(getattr(profile, name), "words", ()):
+            data[name]["topic_keywords"] = list(words)
     values = {
         key: value
         for key, value in _flat(data, "")

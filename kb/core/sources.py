@@ -1,27 +1,282 @@
-"""The sources and what is published, by the names of their folders.
+"""The sources and what is published, as `schemas/` declares them.
 
-A new source is a package, its schemas and its name in `CLASSES`.
+    schemas/sources/<name>.toml         a source: the shipped ones, and those of installed packages
+    schemas/publications/<name>.toml    what is made from sources: pairs, tasks, links, open text
+
+Declarations are data, and all of a source that most of Lorecrawl knows. What a source does is its
+class (`kb.source.Source`), which only commands and recipes look up (`kb.registry`). A package adds
+a source by an entry point of the group `lorecrawl.sources`; its folder has `schemas/` as here.
 """
 
-from kb.core.publication import Links, OpenText, Pairs, Publication, Tasks
-from kb.core.source import Source
-from kb.reddit.source import Reddit
-from kb.wiki.source import Wiki
-from kb.youtube.source import YouTube
+from __future__ import annotations
 
-CLASSES: tuple[type[Source], ...] = (YouTube, Wiki, Reddit)
+import importlib.metadata
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+from urllib.parse import SplitResult, urlunsplit
 
-SOURCES = {each.name: each() for each in CLASSES}
-MADE: tuple[Publication, ...] = (Pairs(), Tasks(), Links(), OpenText())
-PUBLISHED: dict[str, Publication] = {**SOURCES, **{each.name: each for each in MADE}}
+import msgspec
 
-# What is made from the rows of other sources, and of which.
-MADE_OF = {
-    "pairs": ("youtube",),
-    "tasks": ("youtube",),
-    "links": tuple(SOURCES),
-    "open-text": ("youtube",),
-}
+from kb.core.errors import SchemaMismatch
+from kb.core.installation import folder
+
+ENTRY_POINTS = "lorecrawl.sources"
+PACKAGES = Path(__file__).resolve().parent.parent
+
+
+class RecordedWay(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where a data root records that rows came by some way: by the value of a column, by raw
+    answers of a kind, or by both, where some answers give no row.
+
+    `ages`: the service's terms limit how old such rows may be. `absent`: the way of those without
+    raw answers of the kind.
+    """
+
+    column: str = ""
+    value: str = ""
+    ages: bool = False
+    raw: str = ""
+    absent: bool = False
+
+
+class LinkPattern(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How a link names a place: regular expressions whose group is the key of the item and the
+    position in it. Without `key` the key is the link itself without the parameters `ignored`, and
+    its fragment is the position.
+    """
+
+    key: str = ""
+    at: str = ""
+    ignored: tuple[str, ...] = ()
+
+
+class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One release folder and its section in the report.
+
+    name        the folder release/<name>
+    order       its place among the others
+    title       the heading in the report
+    shown       tables with rows for the report, which has no section without any
+    totals      what the report's top counts: (what, table, SQL over its rows); by default the rows
+                of each table that is shown
+    hint        what to run while there is no data to show
+    sampled     columns of the sample rows, by table
+    main        the table that a reader means who names none
+    query       the first query on the card
+    stages      the stages of the filters, in order, which the card pictures
+    pictured    the column whose frequent values the card pictures where there are no stages
+    rules       keys of the profile that decide which rows are released
+    ids_only    whether text columns hold ids and short names only
+    archives    kinds of tar archives beside the tables
+    paths       (table, column) pairs that name a file in an archive
+    licensed    tables whose rows name a licence of their own
+    licence     SPDX id when the profile gives none
+    ways        how rows may have come, by the names that about.toml has sentences for
+    extra       the package extra that the card's commands need
+    part_of     the source whose filter and export also make this folder, of licensed texts
+    made_of     the sources whose rows are behind it; () for all
+    exports     files and folders that formats besides Parquet write below export/
+    """
+
+    name: str
+    order: int = 100
+    title: str
+    shown: tuple[str, ...] = ()
+    totals: tuple[tuple[str, str, str], ...] = ()
+    hint: str = ""
+    sampled: dict[str, tuple[str, ...]] = {}
+    main: str
+    query: str
+    stages: tuple[str, ...] = ()
+    pictured: str = ""
+    rules: tuple[str, ...] = ()
+    ids_only: bool = False
+    archives: tuple[str, ...] = ()
+    paths: tuple[tuple[str, str], ...] = ()
+    licensed: tuple[str, ...] = ()
+    licence: str = "CC-BY-4.0"
+    ways: dict[str, RecordedWay] = {}
+    extra: str = ""
+    part_of: str = ""
+    made_of: tuple[str, ...] = ()
+    exports: tuple[str, ...] = ()
+
+    @property
+    def aging(self) -> list[tuple[str, str]]:
+        """Columns with the values of rows whose age the service's terms limit."""
+        return [(way.column, way.value) for way in self.ways.values() if way.ages]
+
+    @property
+    def formats(self) -> list[str]:
+        """The export formats besides Parquet."""
+        return list(dict.fromkeys(place.partition("/")[0] for place in self.exports))
+
+
+class SourceDeclaration(Publication, frozen=True, kw_only=True):
+    """A source. `name` is also that of raw/<name>, clean/<name> … and of its commands.
+
+    package          the folder of its package
+    module           the name of its package
+    help             one line for `kb --help`
+    tables           tables that the filter sorts → what their keys begin with in rejected, failed
+                     and pending
+    nouns            kinds of the frontier in the order of work → nouns for messages
+    counted          the noun of what a crawl counts
+    only             who knows what no other source names: "only videos"
+    noted            kinds of the frontier that are never fetched
+    unfiltered       raw kinds that no filter reads: samples that measures compare, what lists named
+    crawl_settings   keys of its section of the profile that a crawl or a refresh reads, and no
+                     filter
+    files            folders below raw/<name> with captured files
+    credential       the setting without which a crawl is not offered as a next step
+    keyless          the phase of its crawl that needs no credential, as `--only` names it
+    waiting          what ends the waiting of pending rows, by their reason
+    refreshed        the kind that `kb refresh` fetches; "" without such a command
+    restored         whether `kb restore` brings back its content
+    linked           tables in whose texts entities are found
+    indexed          tables that passages are made of
+    textual          tables that documents of `--format text` are made of, first the one with a row
+                     for each
+    ref              an example of a reference to a place in it; "" when `read` shows nothing of it
+    mark             what stands between the key and the position in a reference
+    hosts            endings of the hosts of its links; none when its links are those of any other
+                     host
+    place            how a link names a place in it
+    address          the URL of an item at the service, with {key}; "" where the key gives none
+    origin           the address of the service, with names of settings in its section
+    dated            the column of the main table that dates a row, and what happened then
+    unlicensed       a sentence on licences where rows name none of their own
+    """
+
+    package: Path
+    module: str
+    help: str
+    tables: dict[str, str]
+    nouns: dict[str, str]
+    counted: str
+    only: str = ""
+    noted: tuple[str, ...] = ()
+    unfiltered: tuple[str, ...] = ()
+    crawl_settings: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+    credential: str = ""
+    keyless: str = ""
+    waiting: dict[str, str] = {}
+    refreshed: str = ""
+    restored: bool = False
+    linked: tuple[str, ...] = ()
+    indexed: tuple[str, ...] = ()
+    textual: tuple[str, ...] = ()
+    ref: str = ""
+    mark: str = "#"
+    hosts: tuple[str, ...] = ()
+    place: LinkPattern = LinkPattern()
+    address: str = ""
+    origin: str = ""
+    dated: tuple[str, str] = ("fetched_at", "fetched")
+    unlicensed: str = ""
+    annotate_help: str = "Score its texts."
+    annotate_examples: tuple[str, ...] = ()
+    purge_help: str = "Remove what is named, everywhere, and remember it."
+    purge_examples: tuple[str, ...] = ()
+
+    def noun(self, kind: str) -> str:
+        """What an item of the frontier is called."""
+        return self.nouns.get(kind, kind.replace("_", " "))
+
+    def in_order(self, kinds: Iterable[str]) -> list[str]:
+        """Kinds of the frontier in the order of work, without those that are never fetched."""
+        order = list(self.nouns)
+        known = [kind for kind in kinds if kind not in self.noted]
+        return sorted(known, key=lambda kind: order.index(kind) if kind in order else len(order))
+
+    def left_by(self, kinds: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
+        """Items that are left to fetch, by noun in the order of work; zeros are left out."""
+        left = {
+            self.noun(kind): kinds[kind].get("todo", 0) + kinds[kind].get("in_progress", 0)
+            for kind in self.in_order(kinds)
+        }
+        return {noun: count for noun, count in left.items() if count}
+
+    def without_prefixes(self, key: str, at: str) -> tuple[str, str]:
+        """The key and the position of a reference without what the keys of their tables begin with:
+        an item of the main table, and one of another.
+        """
+        for table, prefix in self.tables.items():
+            if table == self.main:
+                key = key.removeprefix(prefix)
+            else:
+                at = at.removeprefix(prefix)
+        return key, at
+
+    def url_of(self, key: str) -> str:
+        """The URL of an item at the service; "" where the key alone does not give one."""
+        return self.address.format(key=key)
+
+
+class Package(NamedTuple):
+    """A package that brings a source: its folder, and the entry point of its class."""
+
+    folder: Path
+    entry_point: importlib.metadata.EntryPoint
+
+
+def _installed() -> dict[str, Package]:
+    """The packages that add a source, by its name."""
+    packages = {}
+    for entry_point in importlib.metadata.entry_points(group=ENTRY_POINTS):
+        spec = find_spec(entry_point.module.rpartition(".")[0] or entry_point.module)
+        if spec is not None and spec.submodule_search_locations:
+            packages[entry_point.name] = Package(
+                Path(spec.submodule_search_locations[0]), entry_point
+            )
+    return packages
+
+
+INSTALLED = _installed()
+SCHEMA_FOLDERS = [folder("schemas"), *(one.folder / "schemas" for one in INSTALLED.values())]
+
+Declared = TypeVar("Declared", bound=Publication)
+
+
+def load_declaration(path: Path, kind: type[Declared], **known: Any) -> Declared:
+    """A declaration with what is `known` besides. Raises SchemaMismatch with the file and what is
+    wrong in it.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        return msgspec.convert(
+            {"name": path.stem, **known, **data}, kind, dec_hook=lambda _, value: value
+        )
+    except (OSError, ValueError) as error:  # not readable, no TOML, not what is declared
+        raise SchemaMismatch(f"{path}: {error}") from None
+
+
+def _declared() -> Iterator[SourceDeclaration]:
+    for path in (SCHEMA_FOLDERS[0] / "sources").glob("*.toml"):
+        place = {"package": PACKAGES / path.stem, "module": f"kb.{path.stem}"}
+        yield load_declaration(path, SourceDeclaration, **place)
+    for name, package in INSTALLED.items():
+        path = package.folder / "schemas" / "sources" / f"{name}.toml"
+        place = {"package": package.folder, "module": package.entry_point.module.rpartition(".")[0]}
+        yield load_declaration(path, SourceDeclaration, **place)
+
+
+def _in_order(declarations: Iterable[Declared]) -> dict[str, Declared]:
+    ordered = sorted(declarations, key=lambda declared: (declared.order, declared.name))
+    return {declared.name: declared for declared in ordered}
+
+
+SOURCES = _in_order(_declared())
+MADE = _in_order(
+    load_declaration(path, Publication)
+    for path in (SCHEMA_FOLDERS[0] / "publications").glob("*.toml")
+)
+PUBLISHED: dict[str, Publication] = {**SOURCES, **MADE}
 
 # What every release holds; the rest is there where the profile asks for it.
 BY_DEFAULT = tuple(name for name in PUBLISHED if not PUBLISHED[name].part_of)
@@ -29,4 +284,16 @@ BY_DEFAULT = tuple(name for name in PUBLISHED if not PUBLISHED[name].part_of)
 
 def made_of(name: str) -> tuple[str, ...]:
     """The sources whose rows are behind what is published under that name."""
-    return MADE_OF.get(name, (name,))
+    return (name,) if name in SOURCES else PUBLISHED[name].made_of or tuple(SOURCES)
+
+
+def position(url: SplitResult, name: str) -> tuple[str, str] | None:
+    """The key and the position that a link to a source names."""
+    place, text = SOURCES[name].place, urlunsplit(url)
+    if not place.key:
+        kept = [
+            part for part in url.query.split("&") if part.partition("=")[0] not in place.ignored
+        ]
+        return urlunsplit(url._replace(query="&".join(kept), fragment="")), url.fragment
+    key, at = re.search(place.key, text), place.at and re.search(place.at, text)
+    return (key[1], at[1] if at else "") if key else None

@@ -7,7 +7,7 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.errors import GLOBAL_STOPS, KbError, LimitReached, NothingRead, Stopped, severity
-from kb.core.source import Source
+from kb.core.sources import SourceDeclaration
 from kb.core.summary import Summary
 from kb.crawl.connector import Answer, Connector, Phase
 from kb.crawl.limits import upstream
@@ -58,9 +58,8 @@ def work(
         return summarize(session, loop)
 
 
-def crawl_source(run: Run, source: Source) -> Summary:
+def crawl_source(run: Run, source: SourceDeclaration, connector: Connector) -> Summary:
     """Crawl a source that needs no summary of its own. Raises as `work`."""
-    connector = source.connector(run)
     kinds = [phase.kind for phase in connector.phases]
     counted = [kind for kind, noun in source.nouns.items() if noun == source.counted]
 

@@ -14,9 +14,8 @@ from kb.artifacts.purge_people import PeopleList
 from kb.artifacts.purge_rows import location_of, shared_locations
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.source import Source
-from kb.core.sources import SOURCES
-from kb.crawl.connector import Opened
+from kb.core.sources import SourceDeclaration
+from kb.crawl.connector import Connector, Opened
 from kb.crawl.id_list import IdRules, ListedId
 from kb.crawl.session import open_session
 from kb.schema.tables import table
@@ -28,7 +27,11 @@ from kb.store.state.frontier import Frontier
 
 
 def remove_keys(
-    run: Run, rules: PurgeRules, listed: PurgeList | None, asked: PeopleList | None = None
+    run: Run,
+    connector: Connector,
+    rules: PurgeRules,
+    listed: PurgeList | None,
+    asked: PeopleList | None = None,
 ) -> tuple[Purge, list[PurgeLine]]:
     """Remove what is made of the source, then the keys from raw answers, kept rows and the state;
     the purge, and the rows that went.
@@ -37,7 +40,6 @@ def remove_keys(
     Interrupted.
     """
     # Opening a session takes in what a killed crawl or import had not committed.
-    connector = SOURCES[rules.source].connector(run)
     with open_session(run, connector, online=False, report_damage=False) as session:
         session.recorder.close()
         scratch = Layout(run.root).known(rules.source)
@@ -60,13 +62,16 @@ def remove_keys(
 
 @contextmanager
 def dry_purge(
-    run: Run, rules: PurgeRules, listed: PurgeList | None, asked: PeopleList | None = None
+    run: Run,
+    connector: Connector,
+    rules: PurgeRules,
+    listed: PurgeList | None,
+    asked: PeopleList | None = None,
 ) -> Iterator[Purge]:
     """A dry purge on a copy of the source's state that has taken in all raw answers. Nothing below
     the data root is written.
     """
     original = Layout(run.root).state(rules.source)
-    connector = SOURCES[rules.source].connector(run)
     with ExitStack() as stack:
         scratch = Path(stack.enter_context(TemporaryDirectory(prefix="lorecrawl-plan-")))
         for file in (original, original.with_name(f"{original.name}-wal")):
@@ -90,7 +95,7 @@ def _as_text(entry: ListedId) -> str | None:
     return str(entry.value) if entry.value else None
 
 
-def rules_by_name(source: Source) -> PurgeRules:
+def rules_by_name(source: SourceDeclaration) -> PurgeRules:
     """The rules of a source whose items are removed by name only."""
     rows = [
         (short, prefix, table(f"{source.name}/{short}")) for short, prefix in source.tables.items()

@@ -30,6 +30,7 @@ from kb.core.templates import environment
 from kb.explore import documents, overview, pairs, rows, search, thresholds
 from kb.explore.tables import CurrentTables
 from kb.look.charts import number
+from kb.mcp.documents import Readers
 from kb.store.state import demo_mark
 
 HOST = "127.0.0.1"
@@ -78,12 +79,14 @@ Page = Callable[[Path, Mapping[str, str]], Any]
 Instead = Callable[[Mapping[str, str], KbError], Any]
 
 
-def make(root: Path, profile: Profile, about: Callable[[], Mapping[str, Any]]) -> Starlette:
-    """The application over a data root or a release; `profile` has its thresholds, and `about`
-    returns what `kb status` knows.
+def make(
+    root: Path, profile: Profile, about: Callable[[], Mapping[str, Any]], readers: Readers
+) -> Starlette:
+    """The application over a data root or a release; `profile` has its thresholds, `about` returns
+    what `kb status` knows, and `readers` read the documents of sources.
     """
     templates = environment(_HERE / "templates", _FILTERS, autoescape=True)
-    language = profile.youtube.language if profile.youtube else ""
+    language = profile.language
     style = resources.files("kb.look").joinpath("style.css").read_bytes()
     # Of a stranger's release: a link leads to the web, never to a script.
     templates.tests["web"] = re.compile("https?://", re.IGNORECASE).match
@@ -112,7 +115,9 @@ def make(root: Path, profile: Profile, about: Callable[[], Mapping[str, Any]]) -
         return answer
 
     def picture(request: Request) -> Response:
-        return Response(documents.screenshot(root, request.query_params), media_type="image/png")
+        return Response(
+            documents.screenshot(root, request.query_params, readers), media_type="image/png"
+        )
 
     def problem(request: Request, error: Exception) -> Response:
         what = error.detail if isinstance(error, HTTPException) else str(error)
@@ -126,7 +131,10 @@ def make(root: Path, profile: Profile, about: Callable[[], Mapping[str, Any]]) -
         routes=[
             Route("/", page("overview", lambda at, _: overview.read(CurrentTables(at), about()))),
             Route("/search", page("search", search.read, search.without_answers)),
-            Route("/document", page("document", lambda at, q: documents.read(at, language, q))),
+            Route(
+                "/document",
+                page("document", lambda at, q: documents.read(at, language, q, readers)),
+            ),
             Route("/screenshot", picture),
             Route("/rows", page("rows", lambda at, q: rows.read(CurrentTables(at), rows.parse(q)))),
             Route(

@@ -17,6 +17,7 @@ from kb.explore.tables import CurrentTables
 from kb.look.headings import heading
 from kb.mcp.documents import (
     AgentDocument,
+    Readers,
     SourceLocation,
     first_row,
     outward,
@@ -105,7 +106,7 @@ class DocumentPage:
     mark: Marker = lambda text: [text]
 
 
-def read(root: Path, language: str, query: Mapping[str, str]) -> DocumentPage:
+def read(root: Path, language: str, query: Mapping[str, str], readers: Readers) -> DocumentPage:
     """What stands around the place that an address names; `language` as for pairs.
 
     Raises UsageError, DamagedData.
@@ -119,7 +120,7 @@ def read(root: Path, language: str, query: Mapping[str, str]) -> DocumentPage:
     if place.source == "reddit":
         return _thread(tables, place, page, mark, every_part)
     try:
-        found = _kept(tables, place, page, every_part)
+        found = _kept(tables, place, page, every_part, readers)
     except UsageError:
         verdict = _verdict(tables, place.source, place.key)
         if verdict is None:
@@ -131,11 +132,15 @@ def read(root: Path, language: str, query: Mapping[str, str]) -> DocumentPage:
 
 
 def _kept(
-    tables: CurrentTables, place: SourceLocation, page: DocumentPage, every_part: bool
+    tables: CurrentTables,
+    place: SourceLocation,
+    page: DocumentPage,
+    every_part: bool,
+    readers: Readers,
 ) -> DocumentPage:
     """A video with its transcript, or a wiki page with its sections."""
     opened = OpenTables([tables.catalog])
-    page.document = document = SOURCES[place.source].document(opened, place)
+    page.document = document = readers[place.source].document(opened, place)
     page.kind, page.title, page.here = _KINDS[place.source], document.title, document.nearest[0]
     page.shown = sorted(document.nearest[: len(document.parts) if every_part else NEAREST])
     page.all = "" if len(page.shown) == len(document.parts) else page.all
@@ -204,7 +209,7 @@ def _left_out(
     """A video or wiki page that was not kept, as far as its row tells."""
     page.verdict, page.all = verdict, ""
     page.title = row.get("title") or place.key
-    page.address = "" if place.source == "reddit" else SOURCES[place.source].address(place.key)
+    page.address = "" if place.source == "reddit" else SOURCES[place.source].url_of(place.key)
     page.text = mark(row["text"]) if row.get("text") else []
     channel = row.get("channel_title")
     page.facts = [("Channel title", channel)] if channel else []
@@ -225,7 +230,7 @@ def _thread(
                 raise UsageError(f"unknown comment {comment[:40]!r}", hint="Rows lists them")
             return _left_out(place, page, mark, *verdict)
         at = comment[3:]
-    url = SOURCES["reddit"].address(post_id)
+    url = SOURCES["reddit"].url_of(post_id)
     page.kind, page.address = "thread", url
     verdict = _verdict(tables, "reddit", f"t3_{post_id}")
     lost = _rejected_comments(tables, post_id)
@@ -303,9 +308,9 @@ def _words(text: str | None, missing: str | None) -> str:
     return text if text is not None else f"[{missing}]" if missing else ""
 
 
-def screenshot(root: Path, query: Mapping[str, str]) -> bytes:
+def screenshot(root: Path, query: Mapping[str, str], readers: Readers) -> bytes:
     """The PNG of the page that an address names. Raises UsageError, DamagedData."""
-    shown = surroundings(root, parse_reference(query.get("ref", ""))).screenshot
+    shown = surroundings(root, parse_reference(query.get("ref", "")), readers).screenshot
     if shown is None:
         raise UsageError("the page has no screenshot")
     return stored_png(shown.home, shown.path)[0]

@@ -134,7 +134,7 @@ def cards(
                 _pieces(pair),
                 pair["clip_start_s"],
                 pair["clip_end_s"],
-                f"{SOURCES['youtube'].address(pair['video_id'])}&t={second}s",
+                f"{SOURCES['youtube'].url_of(pair['video_id'])}&t={second}s",
                 f"/document?{urlencode(place)}#here",
                 list(_marks(pair, quality.get(key, [{}])[0], language)),
                 [score for one in scores.get(key, ()) for score in _scores(one)],

@@ -14,6 +14,7 @@ from typing import Any
 from kb.core.config.profile import Profile
 from kb.core.errors import SettingError
 from kb.core.installation import require
+from kb.mcp.documents import Readers
 
 REQUEST_S = 15.0  # in which a whole request has to come
 LAST_S = 2.5  # for the answers in hand, once a signal has come
@@ -23,6 +24,7 @@ def serve(
     root: Path,
     profile: Profile,
     about: Callable[[], Mapping[str, Any]],
+    readers: Readers,
     port: int,
     *,
     browser: bool,
@@ -84,7 +86,7 @@ def serve(
                 self.loop.call_later(REQUEST_S, self.look, self.cycle)
 
     config = uvicorn.Config(
-        make(root, profile, about),
+        make(root, profile, about, readers),
         http=Patient,
         log_config=None,
         access_log=False,

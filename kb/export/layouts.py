@@ -9,7 +9,7 @@ clean/: columns by `released`, whole tables (transcripts) as well.
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import pyarrow as pa
 
@@ -28,15 +28,24 @@ from kb.store.tables.checksums import FileEntry
 Writer = Callable[..., Any]
 
 
-def writers(name: str) -> Mapping[str, Writer]:
-    """The layouts of what is published under that name."""
-    return {"parquet": partial(write_parquet, source=name), **PUBLISHED[name].writers()}
+class Exported(Protocol):
+    """What is published under a name."""
+
+    name: str
+
+    def writers(self) -> Mapping[str, Writer]:
+        """The writers of its layouts; of Parquet where tables are not all of it."""
 
 
-def export(run: Run, name: str, layout: str = "parquet", **options: Any) -> Summary:
+def export(run: Run, published: Exported, layout: str = "parquet", **options: Any) -> Summary:
     """One layout, with its own options: what was written. Raises FatalError when there is nothing
     to export, DamagedData, DiskFull, WriterLocked.
     """
+    name = published.name
+    writers: dict[str, Writer] = {
+        "parquet": partial(write_parquet, source=name),
+        **published.writers(),
+    }
     formats = [one for one in ARTIFACTS.values() if one.name.startswith(f"export/{layout}")]
     places = [one.name for one in formats if one.maker and one.maker.recipe == name]
     owners = filter(None, (name, PUBLISHED[name].part_of))
@@ -44,7 +53,7 @@ def export(run: Run, name: str, layout: str = "parquet", **options: Any) -> Summ
         inputs = {one: manifest.inputs(run.root, one) for one in places}
         for one in places:  # until it is written, nothing is known of it
             ARTIFACTS[one].manifest(run.root).unlink(missing_ok=True)
-        made = writers(name)[layout](run, **options)
+        made = writers[layout](run, **options)
         for one in places:
             place = ARTIFACTS[one].folder(run.root)
             every = [place] if place.is_file() else place.rglob("*")

@@ -19,9 +19,9 @@ from __future__ import annotations
 
 import functools
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
@@ -31,7 +31,7 @@ from kb.core.engine import executor_of, map_in_order
 from kb.core.errors import FatalError, SettingError
 from kb.core.installation import require
 from kb.core.regular_file import check_regular
-from kb.core.sources import SOURCES
+from kb.core.sources import SourceDeclaration
 from kb.core.summary import Summary
 from kb.export.contacts import replaced
 from kb.store.artifact_registry import ARTIFACTS
@@ -76,7 +76,20 @@ class TextOptions(NamedTuple):
         return f"tokens of {self.tokenizer}" if self.tokenizer else f"words × {TOKENS_A_WORD}"
 
 
-def export(run: Run, source: str, **asked: Any) -> Summary:
+class DocumentSource(Protocol):
+    """A source whose texts are exported."""
+
+    @property
+    def declared(self) -> SourceDeclaration:
+        """Its declaration."""
+
+    def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:
+        """The documents of one bucket: `files` of the `textual` tables, "" for one without rows,
+        and the address of the service. Raises DamagedData.
+        """
+
+
+def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
     """clean/<source> to export/text/<source>.jsonl, as TextOptions say. Without kept rows the file
     is empty.
 
@@ -86,8 +99,8 @@ def export(run: Run, source: str, **asked: Any) -> Summary:
     options = TextOptions(**asked)
     if options.tokenizer:
         _tokenizer(options.tokenizer)
-    about = SOURCES[source]
-    main, *others = (f"{source}/{short}" for short in about.textual)
+    source = of.declared.name
+    main, *others = (f"{source}/{short}" for short in of.declared.textual)
     files = {name: manifest.rows(run.root, name) for name in (main, *others)}
     parts, every = files[main], [one for some in files.values() for one in some]
     if not every:
@@ -99,7 +112,7 @@ def export(run: Run, source: str, **asked: Any) -> Summary:
     size = sum(one.stat().st_size for one in every)
     path = Layout(run.root).export("text", f"{source}.jsonl")
     counts: Counter[str] = Counter(documents=0)
-    origin = about.origin(run.profile)
+    origin = run.profile.service_address(source)
     with (
         reading(every),
         executor_of(run, size) as executor,
@@ -110,7 +123,7 @@ def export(run: Run, source: str, **asked: Any) -> Summary:
         # Of each table the file with the rows of the same bucket, "" where it has none.
         at = {name: {one.name: str(one) for one in some} for name, some in files.items()}
         tasks = (
-            (source, {name: some.get(part.name, "") for name, some in at.items()}, origin, options)
+            (of, {name: some.get(part.name, "") for name, some in at.items()}, origin, options)
             for part in parts
         )
         for lines, counted in map_in_order(executor, _lines, tasks, executor.window):
@@ -124,13 +137,13 @@ def export(run: Run, source: str, **asked: Any) -> Summary:
 
 
 def _lines(
-    source: str, files: dict[str, str], origin: str, options: TextOptions
+    of: DocumentSource, files: dict[str, str], origin: str, options: TextOptions
 ) -> tuple[bytes, Counter[str]]:
     """The lines of one bucket; runs in a worker."""
     counts: Counter[str] = Counter()
     encoder, buffer, end = msgspec.json.Encoder(), bytearray(), 0
-    for document in SOURCES[source].text_documents(files, origin):
-        for record in _records(source, document, options, counts):
+    for document in of.text_documents(files, origin):
+        for record in _records(of.declared.name, document, options, counts):
             encoder.encode_into(record, buffer, end)
             buffer += b"\n"
             end = len(buffer)

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.types as kinds
 
-from kb.core.config.profile.collecting import NOT_PUBLIC
+from kb.schema.video_facts import NOT_PUBLIC
 from kb.store.tables.columns import column
 
 SCORED = "toxicity"  # the stage that looks at scores

@@ -36,7 +36,7 @@ from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.installation import np
 from kb.core.summary import Summary
-from kb.links.texts import TextPart, parts
+from kb.links.texts import TextPart, TextSource, parts
 from kb.pairs import keywords as lists
 from kb.pairs.extract import PairCounts, matches
 from kb.pairs.keywords import EXCLUDED, Keywords
@@ -55,7 +55,9 @@ _BRACKETS = re.compile(r"\s*\([^()]*\)$")
 MENTION = "mention"
 
 
-def build(run: Run, names: Callable[[], Mapping[str, PageNames]]) -> Summary:
+def build(
+    run: Run, sources: Mapping[str, TextSource], names: Callable[[], Mapping[str, PageNames]]
+) -> Summary:
     """Make the entity tables where they are not what clean/ says. `names`: what the wiki calls its
     pages, by title.
 
@@ -71,7 +73,12 @@ def build(run: Run, names: Callable[[], Mapping[str, PageNames]]) -> Summary:
             return _summary(run.root)
         own = own_pages(keywords, _titles(files.get(_PAGES, [])), called)
         paths = [(table, path) for table, paths in files.items() for path in paths]
-        parts = [Part(f"{_stem(table)}.{path.stem}", (str(path), table)) for table, path in paths]
+        parts = [
+            Part(
+                f"{_stem(table)}.{path.stem}", (str(path), table, sources[table.partition("/")[0]])
+            )
+            for table, path in paths
+        ]
         plan = {"keywords": lists.plain(keywords)}
         with parted_build(run, "links", inputs, plan) as parted:
             parted.make(parts, make_part, "files", [path for _, path in paths])
@@ -96,10 +103,10 @@ def _stem(table: str) -> str:
     return table.replace("/", ".")
 
 
-def make_part(folder: str, name: str, path: str, table: str) -> dict[str, int]:
+def make_part(folder: str, name: str, path: str, table: str, of: TextSource) -> dict[str, int]:
     """The mentions in a file of a clean table."""
-    source, keywords = table.partition("/")[0], _keywords(read_plan(folder))
-    tables = [mentions(source, part, keywords) for part in parts(Path(path), table)]
+    keywords, (source, _, short) = _keywords(read_plan(folder)), table.partition("/")
+    tables = [mentions(source, part, keywords) for part in parts(of, Path(path), short)]
     write_part(folder, name, tables, "links/links", {})
     return {"links": sum(one.num_rows for one in tables)}
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.installation import np
-from kb.core.sources import SOURCES
 from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
@@ -36,14 +35,20 @@ class TextPart(NamedTuple):
     timed: bool = False
 
 
-def parts(path: Path, name: str) -> Iterator[TextPart]:
-    """The parts in a file of a clean table ("wiki/elements"), a batch at a time.
+class TextSource(Protocol):
+    """A source whose texts are linked."""
+
+    def texts(self, table: str, path: Path) -> Iterator[TextPart]:
+        """The texts in a file of one of its tables, in batches. Raises DamagedData."""
+
+
+def parts(source: TextSource, path: Path, table: str) -> Iterator[TextPart]:
+    """The parts in a file of a clean table ("elements"), a batch at a time.
 
     Raises DamagedData.
     """
     with reading([path]):
-        source, _, short = name.partition("/")
-        yield from SOURCES[source].texts(short, path)
+        yield from source.texts(table, path)
 
 
 def in_transcripts(path: Path) -> Iterator[TextPart]:

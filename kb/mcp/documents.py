@@ -11,14 +11,14 @@ a post and its comments. The part at the place is chosen first, then the nearest
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 from urllib.parse import unquote, urlsplit
 
 from kb.artifacts import table_catalog
 from kb.core.errors import UsageError
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, position
 from kb.mcp.untrusted_text import AnswerPart, Fence
 from kb.reader.tables import OpenTables
 from kb.reader.wiki_page import Box
@@ -49,7 +49,7 @@ def from_link(url: str) -> SourceLocation | None:
     host = f".{parts.hostname or ''}"
     of_host = [source for source in SOURCES.values() if host.endswith(source.hosts or "-")]
     for source in of_host or [source for source in SOURCES.values() if not source.hosts]:
-        if place := source.place_of(parts):
+        if place := position(parts, source.name):
             return SourceLocation(source.name, *place)
     return None
 
@@ -58,7 +58,8 @@ def parse_reference(given: str) -> SourceLocation:
     """The place of a ref or link. Raises UsageError."""
     given = given.strip()
     if match := _REF.fullmatch(given):
-        return SourceLocation(match[1], *SOURCES[match[1]].bare(match[2], match[3] or ""))
+        source = SOURCES[match[1]]
+        return SourceLocation(match[1], *source.without_prefixes(match[2], match[3] or ""))
     if known := from_link(given):
         return known
     refs = ", ".join(source.ref for source in SOURCES.values() if source.ref)
@@ -117,15 +118,27 @@ class AgentDocument(NamedTuple):
     screenshot: DocumentScreenshot | None = None
 
 
-def surroundings(root: Path, place: SourceLocation) -> AgentDocument:
+class DocumentReader(Protocol):
+    """A source whose places can be read."""
+
+    def document(self, tables: OpenTables, place: SourceLocation) -> AgentDocument:
+        """What stands around a place. Raises UsageError for an unknown one, DamagedData."""
+
+
+Readers = Mapping[str, DocumentReader]
+
+
+def surroundings(root: Path, place: SourceLocation, readers: Readers) -> AgentDocument:
     """The document of a place. Raises UsageError for an unknown place, DamagedData."""
+    if not SOURCES[place.source].ref:
+        raise UsageError(f"`read` does not support {place.source}", hint="use `query`")
     tables = OpenTables([table_catalog.read(root)])
-    return SOURCES[place.source].document(tables, place)
+    return readers[place.source].document(tables, place)
 
 
-def run_read(root: Path, place: SourceLocation, size: int) -> str:
+def run_read(root: Path, place: SourceLocation, size: int, readers: Readers) -> str:
     """The place and its surroundings, in at most `size` characters. Raises KbError."""
-    document = surroundings(root, place)
+    document = surroundings(root, place, readers)
     fence = Fence()
     head = f"{fence.note}\n{document.facts}"
     answer_parts = [

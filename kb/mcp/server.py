@@ -20,10 +20,9 @@ from kb.core import terminal
 from kb.core.context import Run
 from kb.core.errors import KbError, MissingExtra, UsageError
 from kb.core.installation import install_extra
-from kb.core.source import Source
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, SourceDeclaration
 from kb.mcp import untrusted_text
-from kb.mcp.documents import parse_reference, run_read
+from kb.mcp.documents import Readers, parse_reference, run_read
 from kb.mcp.search_tool import run_search
 from kb.mcp.untrusted_text import AnswerPart, Fence, cut, fit
 from kb.query.execute import run_isolated
@@ -88,12 +87,12 @@ SourceName = Literal[_NAMES]  # type: ignore[valid-type]
 Kind = Literal["video", "transcript", "section", "table", "post", "comment"]
 
 
-def serve(run: Run) -> None:
+def serve(run: Run, readers: Readers) -> None:
     """Serve until stdin ends, then end the process.
 
     Raises MissingExtra without the SDK, UsageError if there are no tables.
     """
-    server = make(run)
+    server = make(run, readers)
     import anyio
 
     try:
@@ -108,7 +107,7 @@ def serve(run: Run) -> None:
     os._exit(0)  # a thread may still wait for stdin, or for an answer that is no longer wanted
 
 
-def make(run: Run) -> Any:
+def make(run: Run, readers: Readers) -> Any:
     """The server with its tools. Raises as `serve`."""
     try:
         from mcp.server import MCPServer
@@ -140,12 +139,12 @@ def make(run: Run) -> Any:
         log_level="WARNING",
     )
     reads = ToolAnnotations(read_only_hint=True, open_world_hint=False)
-    for tool in tools(run):
+    for tool in tools(run, readers):
         server.add_tool(tool, annotations=reads, structured_output=False)
     return server
 
 
-def tools(run: Run) -> list[Callable[..., Any]]:
+def tools(run: Run, readers: Readers) -> list[Callable[..., Any]]:
     """search, read, query and about for one data root or release."""
 
     @_tool
@@ -208,7 +207,7 @@ def tools(run: Run) -> list[Callable[..., Any]]:
         """Read the surroundings of a place: the transcript before and after, the wiki section and
         its neighbours, the thread with the comments above and below.
         """
-        return run_read(run.root, parse_reference(ref), max_chars)
+        return run_read(run.root, parse_reference(ref), max_chars, readers)
 
     @_tool
     def query(
@@ -310,7 +309,7 @@ def run_about(run: Run, size: int) -> str:
     return fit(fence, head, [*known, index, *views], left_out, size)
 
 
-def _source(opened: OpenTables, source: Source) -> str:
+def _source(opened: OpenTables, source: SourceDeclaration) -> str:
     noun = source.main
     ranked = opened.ranked(f"{source.name}_{noun}")
     if not ranked:
@@ -328,7 +327,7 @@ def _source(opened: OpenTables, source: Source) -> str:
     )
 
 
-def _licences(opened: OpenTables, source: Source) -> str:
+def _licences(opened: OpenTables, source: SourceDeclaration) -> str:
     ranked = opened.ranked(f"{source.name}_{source.main}")
     if not ranked or source.unlicensed:
         return ""

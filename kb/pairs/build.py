@@ -54,7 +54,7 @@ def build(run: Run) -> Summary:
         "section": section.model_dump(mode="json"),
         "seed": run.seed,
         "keywords": lists.plain(keywords),
-        "language": one_name(run.profile.youtube.language) if run.profile.youtube else "",
+        "language": one_name(run.profile.language),
     }
     with writer(run.root, "pairs"):
         if is_current(run, "pairs"):

@@ -12,7 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from kb.core.config.profile.base import (
+from kb.core.config.profile.products import Pairs
+from kb.core.config.section import (
     ERROR,
     FILL_IN,
     NOTE,
@@ -21,7 +22,6 @@ from kb.core.config.profile.base import (
     is_everyday,
     read_text,
 )
-from kb.core.config.profile.products import Pairs
 from kb.core.errors import ProfileError
 from kb.pairs.matching import phrase
 

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from kb.core.config.profile.base import is_everyday
+from kb.core.config.section import is_everyday
 from kb.pairs.keyword_list import COLUMNS, LONGEST, forms
 from kb.pairs.matching import phrase
 from kb.schema.wiki_page import PageNames

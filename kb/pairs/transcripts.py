@@ -11,11 +11,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts import manifest
-from kb.core.config.profile.collecting import TOPIC_KNOWN
 from kb.core.errors import FatalError
 from kb.core.installation import np
 from kb.core.sources import made_of
 from kb.pairs.transcript_batch import Text
+from kb.schema.video_facts import TOPIC_KNOWN
 from kb.store.layout import parquet_files
 from kb.store.rawlog import rawlog
 from kb.store.tables import parquet

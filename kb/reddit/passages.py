@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from kb.core.config.profile import Profile
-from kb.core.config.profile.collecting import RedditSection
+from kb.reddit.section import RedditSection
 from kb.search.passage import Passage, day, pieces, plain, rows
 from kb.store.tables.merge import RowsByKey
 

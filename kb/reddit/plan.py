@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read
@@ -17,6 +16,7 @@ from kb.reddit.crawl.refresh import due, oldest_due
 from kb.reddit.crawl.subreddit import IDS
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.parse.latest_state import latest_state
+from kb.reddit.section import RedditSection
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones

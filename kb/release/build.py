@@ -5,7 +5,7 @@ release(run)     gate → describe each folder → gate over what was written
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from kb.release.gate import GateProblem, check
 from kb.release.metadata import measure
 from kb.release.metadata.card import card, citation, datasheet, law
 from kb.release.metadata.croissant import croissant
-from kb.release.metadata.measure import Facts
+from kb.release.metadata.measure import Facts, MeasuredPublication
 from kb.release.metadata.zenodo import deposit
 from kb.schema import table
 from kb.store.artifact_registry import ARTIFACTS, SUMS
@@ -48,7 +48,9 @@ from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import order
 
 
-def release(run: Run, only: Sequence[str] = ()) -> Summary:
+def release(
+    run: Run, published: Mapping[str, MeasuredPublication], only: Sequence[str] = ()
+) -> Summary:
     """Check and describe every exported folder, or `only` those of some sources.
 
     Raises ReleaseRefused with `.problems`, UsageError, NotReleasable.
@@ -59,7 +61,7 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
         raise _unsigned(run.profile, unlicensed)
     with domain_binding.writing(run, *RELEASES):
         refuse(check.check(run, exports))
-        facts = [write(run, folder) for folder in exports]
+        facts = [write(run, folder, published[folder.source]) for folder in exports]
         refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
         freshness.note_described(run, (folder.source for folder in exports))
     return Summary(
@@ -148,11 +150,11 @@ def refuse(problems: Sequence[GateProblem], hint: str = "nothing was published")
     raise error
 
 
-def write(run: Run, folder: ReleaseFolder) -> Facts:
+def write(run: Run, folder: ReleaseFolder, published: MeasuredPublication) -> Facts:
     """Everything around one folder's data, the checksums last."""
     with run.progress.task(f"release {folder.source}", unit="files") as task:
         with reading(shard for part in folder.parts for shard in part.shards):
-            facts = measure.measure(run, folder)
+            facts = measure.measure(run, folder, published)
         for pattern in ("LICENSE-*.txt", folders.RECIPES):
             for path in folder.path.glob(pattern):
                 path.unlink()

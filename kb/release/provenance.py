@@ -26,7 +26,7 @@ from kb.artifacts.freshness import lineage
 from kb.artifacts.release_folder import KEYWORDS, ReleaseFolder
 from kb.core.config import pipeline
 from kb.core.config.profile import Profile
-from kb.core.config.profile.base import read_text
+from kb.core.config.section import read_text
 from kb.core.context import Run
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, lock_digest, software_address

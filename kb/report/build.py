@@ -8,11 +8,11 @@ import contextlib
 import importlib.util
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from markupsafe import Markup
 
@@ -23,9 +23,7 @@ from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import MissingExtra, UsageError
 from kb.core.installation import install_extra
-from kb.core.publication import Publication
-from kb.core.source import Source
-from kb.core.sources import PUBLISHED, SOURCES, made_of
+from kb.core.sources import PUBLISHED, SOURCES, Publication, SourceDeclaration, made_of
 from kb.core.summary import Summary
 from kb.core.templates import environment
 from kb.look.charts import (
@@ -180,7 +178,18 @@ def check_extra() -> None:
         raise MissingExtra(f"figures need {', '.join(missing)}", hint=install_extra("figures"))
 
 
-def report(run: Run, out: Path | None = None) -> Summary:
+class Drawn(Protocol):
+    """What is published, and has figures in the report."""
+
+    @property
+    def declared(self) -> Publication:
+        """Its declaration."""
+
+    def figures(self) -> Sequence[FigureMaker]:
+        """What is drawn of it."""
+
+
+def report(run: Run, published: Mapping[str, Drawn], out: Path | None = None) -> Summary:
     """Write `report/` anew, or `out`; of a download it goes to the user's cache by default.
 
     Raises MissingExtra without the figures' packages, FatalError where there is nothing to show,
@@ -190,7 +199,7 @@ def report(run: Run, out: Path | None = None) -> Summary:
     if not Catalog(run.root.absolute()).views:  # before anything is written
         raise empty(run.root)
     with domain_binding.writing(run, "report"):
-        return _report(run, out)
+        return _report(run, published, out)
 
 
 @contextlib.contextmanager
@@ -202,13 +211,16 @@ def _fresh(run: Run) -> Iterator[Path]:
         yield build.folder
 
 
-def _report(run: Run, out: Path | None) -> Summary:
+def _report(run: Run, published: Mapping[str, Drawn], out: Path | None) -> Summary:
     with ReportData(run) as data:
         there = [one for one in SHOWN if any(data.count(name) for name in one.shown)]
         if not any(data.files(name) for one in SHOWN for name in one.shown):
             raise empty(run.root)
         wanted = [one for one in SHOWN if one in there or _configured(run.profile, one.name)]
-        sections = [*(_section(run, data, one) for one in wanted), _services(run, data)]
+        sections = [
+            *(_section(run, data, published[one.name]) for one in wanted),
+            _services(run, data),
+        ]
         totals = [
             (what, n)
             for one in there
@@ -243,8 +255,9 @@ def _configured(profile: Profile, name: str) -> bool:
     return sources and getattr(profile, name, True) is not None
 
 
-def _section(run: Run, data: ReportData, of: Publication) -> ReportSection:
-    section = ReportSection(of.name, of.title, _drawn(run, data, of.name, of.figures()))
+def _section(run: Run, data: ReportData, published: Drawn) -> ReportSection:
+    of = published.declared
+    section = ReportSection(of.name, of.title, _drawn(run, data, of.name, published.figures()))
     for name, columns in of.sampled.items():
         if run.profile.report.samples and data.count(name):
             section.samples.append(_sample(run, data, of, name, columns))
@@ -261,8 +274,8 @@ def _sample(
     rows = []
     for key, *values in data.samples(name, (address, *columns), run.profile.report.samples):
         url = key if address == "url" else ""
-        if isinstance(of, Source) and not url:
-            url = of.address(str(key))
+        if isinstance(of, SourceDeclaration) and not url:
+            url = of.url_of(str(key))
         first = Linked(values[0], url) if url.startswith("http") and values[0] else values[0]
         words = [
             reading(name, column, value) if isinstance(value, str) else value

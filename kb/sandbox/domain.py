@@ -17,8 +17,11 @@ from kb.core.config.profile import DEFAULT, Profile, load_profile
 from kb.core.errors import ProfileError
 from kb.pairs import keywords
 from kb.pairs.keyword_list import NEVER, Keyword
+from kb.reddit.section import RedditSection
 from kb.sandbox.speech import Speech, grammar, names_topic
 from kb.sandbox.youtube.cases import Case, CaseRules, cases_by, rules_of
+from kb.wiki.section import WikiSection
+from kb.youtube.section import YouTubeSection
 
 OWN = "world.toml"  # a profile's own choice of names, beside it
 OTHER_LABEL = "UCsandboxOtherGame00001a"
@@ -68,7 +71,7 @@ class Domain:
 def domain_of(profile: Profile) -> Domain:
     """The domain of a profile. Raises ProfileError for a keyword list that can't be read."""
     choice = _choice(profile.resolve_file(OWN))
-    youtube, reddit = profile.youtube, profile.reddit
+    youtube, reddit = profile.section_if_any(YouTubeSection), profile.section_if_any(RedditSection)
     topic = tuple(youtube.words) if youtube else (profile.title,)
     listed = keywords.load(profile).every if profile.pairs else ()
     spoken = [one for one in _spoken(listed, choice.names) if not names_topic(topic, one.name)]
@@ -141,9 +144,9 @@ def _kinds(searches: Sequence[str], channels: int) -> tuple[str, ...]:
 
 def _wiki(profile: Profile) -> dict[str, Any]:
     """What the wiki's pages bear: a namespace, and the first class of each selector."""
-    if profile.wiki is None:
+    if (wiki := profile.section_if_any(WikiSection)) is None:
         return {}
-    markup = profile.wiki.markup
+    markup = wiki.markup
     values = {
         "sprite": _first_class(markup.sprite),
         "sprite_image": _first_class(markup.sprite_image),
@@ -154,7 +157,7 @@ def _wiki(profile: Profile) -> dict[str, Any]:
     selectors = {**markup.model_dump(), "infobox": markup.regions.get("infobox", "")}
     given = {name: _first_class(selectors[name]) for name in CLASSES}
     named["classes"] = {name: given[name] or plain for name, plain in CLASSES.items()}
-    read = profile.wiki.namespaces
+    read = wiki.namespaces
     return {**named, "namespace": read[0] if read and 0 not in read else 0}
 
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import msgspec
 import pyarrow.compute as pc
 
-from kb.filters.topic import whole_words
+from kb.youtube.topic import whole_words
 
 # The head of "boat with chest" is "boat".
 _HEAD = re.compile(r"\s+(?:with|of|and|in|on|for|from|to|&)\s+")

@@ -13,9 +13,9 @@ from pathlib import Path, PurePath
 
 import zstandard
 
-from kb.annotate.checkpoint import need_extra, sha256_of
 from kb.core.errors import DamagedData
 from kb.core.installation import cache_root, making
+from kb.store.checkpoint import need_extra, sha256_of
 from kb.store.tables.reading import SANDBOX_MODEL
 
 DATA = Path(__file__).with_name("data") / "toxicity"

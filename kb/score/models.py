@@ -25,7 +25,6 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from kb.annotate.checkpoint import models_folder
 from kb.annotate.fetch import download
 from kb.core.config.profile import Profile
 from kb.core.context import Run
@@ -33,6 +32,7 @@ from kb.core.errors import MissingModel, ProfileError
 from kb.core.installation import np, require, torch
 from kb.core.summary import Summary
 from kb.pairs.clip_tokens import token_ids
+from kb.store.checkpoint import models_folder
 from kb.store.tables import checksums
 
 if TYPE_CHECKING:

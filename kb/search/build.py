@@ -4,18 +4,23 @@ The folder is replaced atomically. It is rebuilt when the rows or the rules diff
 manifest.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 from kb.artifacts import domain_binding, freshness, manifest, texts
 from kb.artifacts import index as index_of
 from kb.artifacts.makers import make_artifact
 from kb.artifacts.table_catalog import NO_TABLES, Catalog, empty
+from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.search import tantivy_index
+from kb.search.passage import Passage
 from kb.search.tantivy_index import STEMMERS
+
+Passages = Callable[[Profile, Path], Iterator[Passage]]
 
 
 def index(run: Run) -> Summary:
@@ -41,7 +46,7 @@ def index(run: Run) -> Summary:
     )
 
 
-def follow(run: Run, source: str) -> Summary:
+def follow(run: Run, source: str, passages: Passages) -> Summary:
     """Make the source's index again where it has to be, or where the run says `again`: its
     passages, and whether it had to be made.
 
@@ -57,15 +62,15 @@ def follow(run: Run, source: str) -> Summary:
             return Summary()
         if (count := _passages(run, source)) is not None:
             return Summary(passages=count, indexed=[])
-        youtube, inputs = run.profile.youtube, texts.inputs(root, name)
-        stemmer = STEMMERS.get("en" if youtube is None else youtube.language, "")
+        inputs = texts.inputs(root, name)
+        stemmer = STEMMERS.get(run.profile.language, "")
         settings = freshness.settings(run, name)
         with (
             run.progress.task(f"index {source}", unit="passages") as task,
             manifest.replacing(home, name, inputs=inputs, settings=settings) as fresh,
         ):
-            passages = SOURCES[source].passages(run.profile, root)
-            count = tantivy_index.write(fresh.folder, stemmer, passages, task.advance)
+            texts_of = passages(run.profile, root)
+            count = tantivy_index.write(fresh.folder, stemmer, texts_of, task.advance)
             fresh.figures = {"passages": count, "stemmer": stemmer}
     return Summary(passages=count, indexed=[source])
 

@@ -61,7 +61,7 @@ def build(run: Run, playlists: Mapping[str, str]) -> Summary:
     """
     profile, rules = run.profile, run.profile.tasks
     check(run)
-    topics = profile.youtube.words if profile.youtube else ()
+    topics = profile.topics
     names = [one.name for one in keywords.load(profile).every] if profile.pairs else []
     with domain_binding.writing(run, "tasks"):
         if not (run.again or freshness.reasons(run, "tasks")):

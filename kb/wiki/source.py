@@ -6,10 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import SplitResult, urlunsplit
 
-from kb.core.publication import RecordedWay
-from kb.core.source import Source
+from kb.source import Source
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
@@ -17,8 +15,9 @@ if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
     from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
-    from kb.core.config.profile.base import OnlineAnswer, QuestionCost
+    from kb.core.config.section import OnlineAnswer, QuestionCost
     from kb.core.context import Run
+    from kb.core.summary import Summary
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
     from kb.export.text import TextDocument
@@ -30,111 +29,8 @@ if TYPE_CHECKING:
     from kb.store.state.frontier import Frontier
 
 
-# What of [wiki.markup] a crawl reads; the rest belongs to the filter.
-_MARKUP = (
-    "root",
-    "chrome",
-    "denominator",
-    "reference",
-    "regions",
-    "sprite",
-    "sprite_image",
-    "animation",
-    "animation_active",
-    "animation_group",
-    "fact",
-    "fact_field",
-    "fact_value",
-    "fact_subject",
-    "recipe",
-    "slot",
-    "slot_row",
-    "slot_output",
-    "quantity",
-    "title",
-    "folded",
-    "formula",
-    "fraction",
-)
-
-
 class Wiki(Source):
     """Pages of a wiki as a browser shows them."""
-
-    name = "wiki"
-    help = "Wiki pages as a browser shows them: crawl, filter, export."
-    tables = {"pages": ""}
-    nouns = {
-        "site": "site descriptions",  # what the wiki says of itself, once a round
-        "titles": "title lists",  # lists of titles, one a namespace and round
-        "info": "titles",  # titles whose revision is fetched, a round each
-        "gone": "comparisons",  # rounds that are compared with the pages known before
-        "pages": "pages",  # pages that the browser shows
-        "files": "image files",  # original files of images
-    }
-    counted = "pages"
-    files = ("pages", "images")
-    unfiltered = ("seeds",)
-    crawl_settings = (
-        "hosts",
-        "namespaces",
-        "viewport_width",
-        "viewport_height",
-        "settle_seconds",
-        "page_seconds",
-        "max_page_height",
-        "max_elements",
-        "max_pixels",
-        "max_file_bytes",
-        "max_tries",
-        "seconds_between",
-        *(f"markup.{name}" for name in _MARKUP),
-    )
-    linked = ("pages", "elements")
-    indexed = ("pages", "elements", "cells", "images")
-    exports = ("minedojo/wiki_full", "minedojo/wiki_samples", "text/wiki.jsonl")
-    textual = ("pages", "elements", "cells", "facts", "recipes")
-    main = "pages"
-    query = (
-        "SELECT kind, region, count(*) AS elements FROM wiki_elements WHERE visible"
-        " GROUP BY ALL ORDER BY elements DESC"
-    )
-    stages = ("missing", "robots", "render", "words", "toxicity")
-    rules = (
-        "wiki.url",
-        "wiki.namespaces",
-        "wiki.min_words",
-        "wiki.max_page_height",
-        "wiki.max_elements",
-    )
-    archives = ("screenshots", "images")
-    paths = (("pages", "screenshot_path"), ("images", "path"))
-    licensed = ("pages", "images")
-    licence = ""
-    ways = {"listed": RecordedWay(raw="titles"), "named": RecordedWay(raw="titles", absent=True)}
-    extra = "wiki"
-    title = "Wiki"
-    shown = ("wiki/pages", "wiki/elements", "wiki/images")
-    totals = (
-        ("pages", "wiki/pages", "count(*)"),
-        ("words on pages", "wiki/pages", "sum(word_count)"),
-        ("boxes", "wiki/elements", "count(*) FILTER (visible)"),
-        ("image files", "wiki/images", "count(DISTINCT sha256)"),
-    )
-    hint = "run `kb wiki crawl`, then `kb wiki filter`"
-    sampled = {"wiki/pages": ("title", "word_count", "page_width", "page_height", "license")}
-    only = "only the wiki"
-    ref = "wiki:PAGE#Section"
-    dated = ("revision_timestamp", "last edited")
-    annotate_help = "Score the text of crawled wiki pages."
-    annotate_examples = ("kb annotate wiki                        each page's visible text",)
-    purge_help = """\
-    Remove pages that the wiki deleted or that are named, and never collect them again.
-
-    The file names pages by id, title or URL, one per line, or is MineDojo's JSON. Names that match
-    nothing are counted as unknown, and are skipped by later crawls.
-    """
-    purge_examples = ("kb purge wiki --ids pages.txt",)
 
     def connector(self, run: Run) -> Connector:
         from kb.wiki.crawl.connector import WikiConnector
@@ -145,6 +41,16 @@ class Wiki(Source):
         from kb.wiki.crawl.online import question
 
         return question(run, cost)
+
+    def plan(self, run: Run) -> Summary:
+        from kb.wiki.crawl.connector import plan_crawl
+
+        return plan_crawl(run)
+
+    def requirements(self, run: Run) -> Iterator[tuple[str, str, str, str]]:
+        from kb.wiki.requirements import requirements
+
+        return requirements()
 
     def crawled(self, frontier: Frontier) -> int:
         from kb.wiki.crawl.reduce import crawled
@@ -168,18 +74,10 @@ class Wiki(Source):
 
         return document(tables, place)
 
-    def place_of(self, url: SplitResult) -> tuple[str, str] | None:
-        """The URL of the page, without its revision, and the section."""
-        kept = "&".join(one for one in url.query.split("&") if not one.startswith("oldid="))
-        return urlunsplit(url._replace(query=kept, fragment="")), url.fragment
-
     def figures(self) -> Sequence[FigureMaker]:
         from kb.wiki.report import FIGURES
 
         return FIGURES
-
-    def origin(self, profile: Profile) -> str:
-        return profile.wiki.url if profile.wiki else ""
 
     def gaps(self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> Iterator[str]:
         from kb.wiki.card import gaps
@@ -192,7 +90,7 @@ class Wiki(Source):
         return {
             "parquet": wiki_tar.export,
             "minedojo": minedojo.wiki,
-            "text": partial(text.export, source=self.name),
+            "text": partial(text.export, of=self),
         }
 
     def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:

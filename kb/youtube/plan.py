@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, to_read
@@ -33,6 +32,7 @@ from kb.youtube.crawl.reduce import (
     UPLOADS,
     VIDEOS,
 )
+from kb.youtube.section import YouTubeSection
 
 # Used only where this data root has nothing to measure.
 CHANNELS_A_PAGE = 25  # results without duplicates

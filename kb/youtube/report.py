@@ -21,6 +21,7 @@ from kb.look.charts import (
 from kb.report.data import ReportData
 from kb.report.figures import bar_figure, dates, funnel, logarithmic, toxicity, values
 from kb.report.word_cloud import words
+from kb.youtube.section import YouTubeSection
 
 _VIDEOS = "youtube/videos"
 _CHANNELS = 10
@@ -33,7 +34,8 @@ def durations(data: ReportData, profile: Profile) -> Figure | None:
     middle = data.quantile(_VIDEOS, "duration_s", 0.5)
     if high is None or middle is None:
         return None
-    low = float(profile.youtube.min_duration_s) if profile.youtube else 0.0
+    section = profile.section_if_any(YouTubeSection)
+    low = float(section.min_duration_s) if section else 0.0
     unit, seconds = "minutes", 60
     if high < 120:
         unit, seconds = "seconds", 1

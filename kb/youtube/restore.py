@@ -28,12 +28,12 @@ from kb.artifacts.restore import (
     WantedContent,
 )
 from kb.core.cached_property import cached_property
-from kb.core.config.profile.collecting import NOT_PUBLIC, YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import GLOBAL_STOPS, Stopped
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPart
 from kb.crawl.job import work
+from kb.schema.video_facts import NOT_PUBLIC
 from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.state import tombstones
@@ -42,6 +42,7 @@ from kb.store.tables.partition import Shuffle
 from kb.store.tables.reading import reading
 from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
+from kb.youtube.section import YouTubeSection
 
 VIDEO, TRANSCRIPT = "video ", "transcript "  # prefixes of names in missing.parquet
 TABLES = (

@@ -17,13 +17,14 @@ from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 from kb.youtube.crawl import quota
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, with_po_token
+from kb.youtube.section import YouTubeSection
 
 
 def status(run: Run, frontier: Frontier) -> dict[str, Any]:
     """Units spent in all, what is left of today's buckets, and videos that need a PO token."""
     _, units = frontier.requests()
     buckets: dict[str, Any] = {}
-    if (section := run.profile.youtube) is not None:
+    if (section := run.profile.section_if_any(YouTubeSection)) is not None:
         day, reset_at = quota.today(), clock.stamp(quota.next_reset())
         for bucket in quota.BUCKETS:
             spent, limit = frontier.spent(bucket, day), quota.limit(section, bucket)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from kb.annotate.checkpoint import Checkpoint, find_checkpoint
 from kb.core.config.settings import load_settings
 from kb.sandbox.toxicity import tiny_checkpoint
+from kb.store.checkpoint import Checkpoint, find_checkpoint
 from tests.conftest import needs
 
 

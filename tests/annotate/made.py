@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from kb.annotate.checkpoint import Checkpoint, find_checkpoint, sha256_of
 from kb.core.config.settings import load_settings
+from kb.store.checkpoint import Checkpoint, find_checkpoint, sha256_of
 
 ORIGINAL = ("toxic", "severe_toxic", "obscene", "threat", "insult", "identity_hate")
 UNBIASED = (

@@ -10,12 +10,12 @@ import subprocess
 
 import pytest
 
-from kb.annotate import checkpoint
 from kb.annotate.backends import open_runner
-from kb.annotate.checkpoint import PUBLISHED, find_checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
 from kb.core.config.settings import load_settings
 from kb.core.errors import MissingExtra, MissingModel, SettingError
+from kb.store import checkpoint
+from kb.store.checkpoint import PUBLISHED, find_checkpoint, sha256_of
 from kb.store.tables.reading import SANDBOX_MODEL
 from tests.annotate.made import WORDS, checkpoint_of, make_checkpoint
 from tests.conftest import needs

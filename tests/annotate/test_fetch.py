@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from kb.annotate.checkpoint import PUBLISHED, Published, find_checkpoint
 from kb.annotate.fetch import fetch
 from kb.core import clock
 from kb.core.config.profile import load_profile
@@ -15,6 +14,7 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, MissingModel, SettingError, Unreachable
 from kb.net.bounded import PART
+from kb.store.checkpoint import PUBLISHED, Published, find_checkpoint
 
 BIG = hashlib.sha256(b"seed").digest() * 100_000  # 3.2 MB
 KEPT = len(BIG) // 2 // PART * PART  # of a download that is cut in the middle

@@ -14,7 +14,7 @@ from kb.core.errors import DamagedData, KbError, ReleaseRefused
 from kb.export import layouts, minedojo
 from kb.filters.filter_run import run_clean
 from kb.query import connect
-from kb.release.build import exported, release
+from kb.release.build import exported
 from kb.store import lock
 from kb.store.artifact_registry import MANIFEST
 from kb.store.tables.checksums import digest
@@ -22,6 +22,7 @@ from kb.store.tables.parquet import read_table
 from kb.store.tables.shard_writer import write_table
 from tests.filters import full_root
 from tests.filters.made import run_at
+from tests.recipes import release
 
 
 @pytest.fixture(scope="module")

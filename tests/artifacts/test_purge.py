@@ -17,10 +17,10 @@ from kb.artifacts.purge_rows import RowLocation, drop_rows
 from kb.core.config.pipeline import Recipe
 from kb.core.errors import DamagedData, FatalError, SettingError
 from kb.core.progress import LineProgress
-from kb.core.sources import SOURCES
 from kb.crawl.purge import dry_purge
 from kb.filters.filter_run import run_clean
 from kb.reddit.purge import texts
+from kb.registry import SOURCES as CLASSES
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
@@ -47,7 +47,12 @@ def test_a_dry_run_includes_what_an_interrupted_purge_left(tmp_path: Path) -> No
     path.parent.mkdir(exist_ok=True)
     path.write_text('{"keys": {"a": "named"}}')
     before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
-    with dry_purge(run_at(tmp_path), SOURCES["youtube"].purge_rules(), None) as dry:
+    with dry_purge(
+        run_at(tmp_path),
+        CLASSES["youtube"].connector(run_at(tmp_path)),
+        CLASSES["youtube"].purge_rules(),
+        None,
+    ) as dry:
         assert dry.keys == {"a": "named", "c": "vanished"}
         (line,) = purge.answers(dry)
     assert (line.folder, line.count) == ("raw/youtube/videos", 1)

@@ -85,8 +85,9 @@ from kb.core.context import Run
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.links.build import build
+from kb.registry import SOURCES
 run = Run(load_settings(dotenv=False), load_profile("minecraft"), Path(sys.argv[1]), workers=1)
-links = build(run, dict)["links"]
+links = build(run, SOURCES, dict)["links"]
 status = open("/proc/self/status")  # ru_maxrss would tell the parent's
 print(links, next(int(line.split()[1]) for line in status if line.startswith("VmHWM")))
 """

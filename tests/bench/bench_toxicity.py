@@ -23,12 +23,12 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("detoxify")
 
 from kb.annotate import backends  # noqa: E402
-from kb.annotate.checkpoint import find_checkpoint, sha256_of  # noqa: E402
 from kb.annotate.detoxify_model import load_detoxify  # noqa: E402
 from kb.annotate.scores import text_hashes  # noqa: E402
 from kb.core import clock  # noqa: E402
 from kb.core.config.settings import load_settings  # noqa: E402
 from kb.sandbox.toxicity import tiny_checkpoint  # noqa: E402
+from kb.store.checkpoint import find_checkpoint, sha256_of  # noqa: E402
 from tests.annotate.demo_texts import WORDS  # noqa: E402
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from jinja2 import UndefinedError
 
+from kb import registry
 from kb.core import clock, errors
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import Settings
@@ -20,7 +21,6 @@ from kb.core.summary import Summary, wilson_interval
 from kb.core.summary.plan import PlanPart, PlanPhase, join, to_read
 from kb.core.templates import environment
 from kb.schema.tables import tables
-from kb.youtube.source import YouTube
 
 TREE = [line for line in (errors.__doc__ or "").splitlines() if "─ " in line]
 
@@ -160,12 +160,12 @@ def test_tables_of_a_source_are_declared(name: str) -> None:
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_what_is_exported_has_a_writer(name: str) -> None:
-    assert {*PUBLISHED[name].formats} == {*PUBLISHED[name].writers()} - {"parquet"}
+    assert {*PUBLISHED[name].formats} == {*registry.PUBLISHED[name].writers()} - {"parquet"}
 
 
 @pytest.mark.parametrize("name", SOURCES)
 def test_the_rules_of_a_purge_are_those_of_the_source(name: str) -> None:
-    assert SOURCES[name].purge_rules().source == name
+    assert registry.SOURCES[name].purge_rules().source == name
 
 
 def test_what_is_made_from_sources() -> None:
@@ -181,9 +181,9 @@ def test_what_is_left_in_the_order_of_work() -> None:
     """Kinds that are never fetched are left out, and new ones come last."""
     left = {"videos": {"todo": 2, "in_progress": 1, "done": 9}, "searches": {"todo": 0}}
     kinds = {**left, "channels": {"todo": 5}, "strange_kind": {}}
-    assert YouTube.in_order(kinds) == ["searches", "videos", "strange_kind"]
-    assert YouTube.left_by(kinds) == {"videos": 3}
-    assert YouTube.noun("strange_kind") == "strange kind"
+    assert SOURCES["youtube"].in_order(kinds) == ["searches", "videos", "strange_kind"]
+    assert SOURCES["youtube"].left_by(kinds) == {"videos": 3}
+    assert SOURCES["youtube"].noun("strange_kind") == "strange kind"
 
 
 def test_a_plan_sums_its_phases_and_shows_them_in_columns() -> None:

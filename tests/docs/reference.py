@@ -15,7 +15,7 @@ from typing import Any
 from kb.cli.app import context, leaves
 from kb.cli.framework.options import COMMON, DESCRIBED, RUNNING
 from kb.core.config.profile import Profile
-from kb.core.config.profile.base import model_in
+from kb.core.config.section import model_in, sources_first
 from kb.core.config.settings import Settings
 from kb.core.summary.vocabulary import WORDS
 from kb.schema.tables import tables
@@ -146,7 +146,8 @@ def _section(title: str, model: Any) -> Iterator[str]:
     yield "| key | type | default | meaning |"
     yield "|---|---|---|---|"
     deeper = []
-    for name, field in model.model_fields.items():
+    for name in sources_first(model.model_fields):
+        field = model.model_fields[name]
         if name == "path":
             continue
         inner = model_in(field.annotation)

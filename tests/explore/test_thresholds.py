@@ -26,7 +26,9 @@ from tests.inprocess import Here
 def setting_of(line: str, folder: Path) -> float:
     """The value of a line that somebody pasted into what `kb profile new` made."""
     path = folder / "new.toml"
-    text = profile_text("x", wiki="https://wiki.example/", subreddit="abc")
+    text = profile_text(
+        "x", values={"wiki.url": "https://wiki.example/", "reddit.subreddit": "abc"}
+    )
     path.write_text(text.replace('"FILL-IN"', "20") + f"\n{line}\n")
     (folder / "keywords.tsv").write_text(KEYWORDS)
     found = load_profile(str(path)).model_dump()

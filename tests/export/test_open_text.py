@@ -13,10 +13,10 @@ import pytest
 
 import kb
 from kb.core.context import Run
-from kb.export import layouts, open_text
-from kb.release.build import release
+from kb.export import open_text
 from kb.schema.tables import table
 from kb.store.tables.shard_writer import write_table
+from tests.recipes import export, release
 from tests.release.conftest import a_run
 from tests.release.gate.refusals import refused as refusals
 from tests.release.gate.refusals import rewritten, with_first
@@ -78,7 +78,7 @@ def run(root: Path, asked: Path) -> Run:
 
 
 def test_a_row_has_the_text_and_what_credit_needs(root: Path, run: Run) -> None:
-    assert layouts.export(run, "open-text")["open_text"] == len(OPEN)
+    assert export(run, "open-text")["open_text"] == len(OPEN)
     before = (root / SHARD).read_bytes()
     rows = duckdb.sql(
         f"""SELECT o.video_id, o.title = v.title AND o.link = v.link AND o.channel_id = v.channel_id
@@ -88,18 +88,18 @@ def test_a_row_has_the_text_and_what_credit_needs(root: Path, run: Run) -> None:
         JOIN read_parquet('{root}/clean/youtube/videos/*.parquet') AS v USING (video_id)"""
     ).fetchall()
     assert rows == [(key, True, "creativeCommon", "now we build", 2) for key in OPEN]
-    layouts.export(run, "open-text")
+    export(run, "open-text")
     assert (root / SHARD).read_bytes() == before
 
 
 def test_nothing_is_written_unless_the_profile_asks_and_it_goes_when_it_no_longer_does(
     root: Path, run: Run
 ) -> None:
-    assert layouts.export(a_run(root), "open-text")["open_text"] == 0
+    assert export(a_run(root), "open-text")["open_text"] == 0
     assert not (root / "release/open-text").exists()
-    layouts.export(run, "open-text")
+    export(run, "open-text")
     assert refusals(root) == ["out of date: release/open-text: release.open_text true → false"]
-    layouts.export(a_run(root), "open-text")
+    export(a_run(root), "open-text")
     assert not (root / "release/open-text").exists()
     assert release(a_run(root))["folders"] == 1
 
@@ -116,7 +116,7 @@ def test_a_video_without_credit_is_left_out(root: Path, run: Run, column: str) -
         return rows.set_column(field, column, pa.array(values, rows[column].type))
 
     rewritten(path, without)
-    summary = layouts.export(run, "open-text")
+    summary = export(run, "open-text")
     assert (summary["open_text"], summary["uncredited"]) == (len(OPEN) - 1, 1)
 
 
@@ -138,7 +138,7 @@ def test_the_gate_refuses_a_row_without_credit_or_of_another_licence(
     value: str | None,
     what: str,
 ) -> None:
-    layouts.export(run, "open-text")
+    export(run, "open-text")
     rewritten(root / SHARD, lambda rows: with_first(rows, column, value))
     # As if an export had written the row: without the digest that tells that the file was changed.
     (root / "state/manifests/release-open-text.json").unlink()
@@ -147,7 +147,7 @@ def test_the_gate_refuses_a_row_without_credit_or_of_another_licence(
 
 
 def test_a_folder_that_is_older_than_the_clean_rows_is_refused(root: Path, run: Run) -> None:
-    layouts.export(run, "open-text")
+    export(run, "open-text")
     path = root / "clean/youtube/videos/part-00000.parquet"
     rewritten(path, lambda rows: rows.slice(1))
     assert refusals(root, profile=run.profile.path) == [
@@ -156,7 +156,7 @@ def test_a_folder_that_is_older_than_the_clean_rows_is_refused(root: Path, run: 
 
 
 def test_the_card_says_what_may_be_done_and_what_is_not_certain(root: Path, run: Run) -> None:
-    layouts.export(run, "open-text")
+    export(run, "open-text")
     release(run)
     folder = root / "release/open-text"
     card = (folder / "README.md").read_text(encoding="utf-8")

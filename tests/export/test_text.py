@@ -15,13 +15,14 @@ from tokenizers import Tokenizer, models, pre_tokenizers, trainers
 from kb.artifacts import freshness
 from kb.artifacts.makers import make_artifact
 from kb.core.errors import FatalError, SettingError
-from kb.export import layouts, text
+from kb.export import text
 from kb.export.contacts import replaced
 from kb.export.text import TextOptions, TextPiece
 from kb.schema.tables import table
 from kb.store.tables.shard_writer import write_table
 from kb.youtube.text import paragraphs
 from tests.inprocess import Here
+from tests.recipes import export
 from tests.release.made import build
 
 DAY = datetime(2026, 3, 1, tzinfo=UTC)
@@ -50,7 +51,7 @@ def told(tmp_path: Path, make_rows: Any, run_at: Any, fill: Any) -> Any:
         rows = make_rows("reddit/comments", len(comments), **columns)
         fill(tmp_path, "reddit/posts", posts, 1)
         fill(tmp_path, "reddit/comments", rows, 1)
-        layouts.export(run_at(tmp_path), "reddit", "text")
+        export(run_at(tmp_path), "reddit", "text")
         (line,) = lines(tmp_path, "reddit")
         assert line["metadata"]["url"] == "https://www.reddit.com/r/Minecraft/comments/p1/"
         assert (line["id"], line["source"], line["added"]) == (
@@ -123,7 +124,7 @@ def test_videos_pages_and_threads_are_read_as_data_sets(tmp_path: Path, run_at: 
     write_table(path, pa.Table.from_pylist(rows, kinds), "youtube/transcripts")
     run = run_at(root)
     for source, main in (("youtube", "videos"), ("wiki", "pages"), ("reddit", "posts")):
-        made = layouts.export(run, source, "text")
+        made = export(run, source, "text")
         path = root / f"export/text/{source}.jsonl"
         read = datasets.load_dataset(
             "json", data_files=str(path), split="train", cache_dir=str(tmp_path / "cache")
@@ -135,7 +136,7 @@ def test_videos_pages_and_threads_are_read_as_data_sets(tmp_path: Path, run_at: 
             assert line["text"].startswith(f"# {line['metadata']['title']}")
             assert {"title", "url", "license"} <= set(line["metadata"])
         before = path.read_bytes()
-        layouts.export(run, source, "text")
+        export(run, source, "text")
         assert path.read_bytes() == before
         assert freshness.reasons(run, f"export/text/{source}.jsonl") == []
         assert main in table(f"{source}/{main}").name
@@ -143,10 +144,10 @@ def test_videos_pages_and_threads_are_read_as_data_sets(tmp_path: Path, run_at: 
 
 def test_nothing_to_export_is_an_empty_file(tmp_path: Path, run_at: Any) -> None:
     with pytest.raises(FatalError, match="nothing to export"):
-        layouts.export(run_at(tmp_path), "reddit", "text")
+        export(run_at(tmp_path), "reddit", "text")
     empty = table("reddit/posts").arrow().empty_table()
     write_table(tmp_path / "clean/reddit/posts/part-00000.parquet", empty, "reddit/posts")
-    made = layouts.export(run_at(tmp_path), "reddit", "text")
+    made = export(run_at(tmp_path), "reddit", "text")
     assert (made["documents"], (tmp_path / "export/text/reddit.jsonl").read_bytes()) == (0, b"")
 
 
@@ -187,14 +188,14 @@ def test_options_of_chunks_are_kept_and_asked_for_with_text_only(
 ) -> None:
     root = build(tmp_path / "data", sources=("reddit",))
     run = run_at(root)
-    made = layouts.export(run, "reddit", "text", chunk_tokens=40)
+    made = export(run, "reddit", "text", chunk_tokens=40)
     assert made["tokens"] == "words × 1.3"
     before = lines(root, "reddit")
     assert {"document", "chunk", "chunks"} <= set(before[0]["metadata"])
     make_artifact(run, "export/text/reddit.jsonl")  # as a purge does
     assert lines(root, "reddit") == before
     with pytest.raises(SettingError, match="can't be read"):
-        layouts.export(run, "reddit", "text", chunk_tokens=40, tokenizer=str(root / "none"))
+        export(run, "reddit", "text", chunk_tokens=40, tokenizer=str(root / "none"))
     for arguments, words in (
         (("--chunk-tokens", "100"), "--chunk-tokens is for --format text"),
         (("--format", "text", "--tokenizer", "x"), "--tokenizer counts the tokens of chunks"),
@@ -242,6 +243,6 @@ def test_contacts_are_replaced_and_nothing_that_looks_like_one() -> None:
 def test_contacts_stay_where_they_are_asked_to(told: Any, run_at: Any, tmp_path: Path) -> None:
     comments = [comment("c1", "t3_p1", 0, "Write to steve@example.com", 1)]
     assert "Write to [email]" in told(comments)
-    made = layouts.export(run_at(tmp_path), "reddit", "text", keep_contacts=True)
+    made = export(run_at(tmp_path), "reddit", "text", keep_contacts=True)
     assert "contacts" not in made
     assert "Write to steve@example.com" in lines(tmp_path, "reddit")[0]["text"]

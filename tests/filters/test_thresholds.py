@@ -7,7 +7,7 @@ import pyarrow as pa
 from kb.filters.chain import Chain, judge_chain
 from kb.filters.predicates import AtLeast, NotTrue, Predicate, Waits, none_above
 from kb.filters.thresholds import thresholds
-from kb.filters.topic import Topic
+from kb.youtube.topic import Topic
 
 SCORES = {"title": "toxicity_title", "description": "toxicity_description"}
 

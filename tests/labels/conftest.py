@@ -5,9 +5,9 @@ import pytest
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.export import layouts
 from kb.pairs.build import build
 from tests.pairs.made import PHRASES, fill, tables
+from tests.recipes import export
 
 
 @pytest.fixture(scope="session")
@@ -16,5 +16,5 @@ def judged(tmp_path_factory: pytest.TempPathFactory, make_rows) -> Run:
     fill(root, *tables(60, 400, PHRASES, share=0.06), make_rows)
     run = Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=1)
     build(run)
-    layouts.export(run, "pairs", "parquet")
+    export(run, "pairs", "parquet")
     return run

@@ -10,6 +10,7 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.links.build import build
+from kb.registry import SOURCES as CLASSES
 from kb.schema.wiki_page import PageNames
 from kb.store.layout import Layout
 from tests.search.made import write
@@ -99,7 +100,7 @@ def _comment(number: int, body: str) -> dict[str, Any]:
 
 def links(run: Run, names: dict[str, PageNames] | None = None) -> dict[str, Any]:
     """Make them; the summary."""
-    return dict(build(run, lambda: names or {}))
+    return dict(build(run, CLASSES, lambda: names or {}))
 
 
 def rows(root: Path, name: str = "links") -> list[dict[str, Any]]:

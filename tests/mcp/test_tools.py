@@ -14,6 +14,7 @@ from kb.core.sources import SOURCES
 from kb.mcp.documents import parse_reference, run_read
 from kb.mcp.search_tool import run_search
 from kb.mcp.untrusted_text import DEFAULT, LEAST, AnswerPart, Fence, fit
+from kb.registry import SOURCES as CLASSES
 from kb.search.ranking import Only
 from tests.filters.made import run_at
 from tests.mcp.conftest import FENCE, ORDER, Ask, inner, outside, right
@@ -85,7 +86,7 @@ def test_what_was_removed_is_not_found_any_more(data: Path, tmp_path: Path) -> N
     reddit(root)
     assert ORDER not in run_search(run, "xylophagous", [], Only(), DEFAULT)
     with pytest.raises(UsageError, match="has no comment 'c900'"):
-        run_read(root, parse_reference("reddit:p000/c900"), DEFAULT)
+        run_read(root, parse_reference("reddit:p000/c900"), DEFAULT, CLASSES)
 
 
 def test_about(ask: Ask) -> None:

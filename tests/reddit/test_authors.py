@@ -15,12 +15,12 @@ from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.parse.anonymize import Scrubber, keyed, load_key
 from kb.reddit.purge import name_of
 from kb.reddit.restore.reconstruct import rebuild
-from kb.release.build import release
 from kb.sandbox.reddit.subreddit import CASES
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from tests.crash import harm
+from tests.recipes import release
 from tests.reddit.dumped import imported, post, run_in, write
 from tests.reddit.work import Work, rows, texts
 

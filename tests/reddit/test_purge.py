@@ -9,6 +9,7 @@ import pytest
 from kb.artifacts import purge_raw
 from kb.crawl.purge import remove_keys
 from kb.reddit.purge import RULES
+from kb.registry import SOURCES as CLASSES
 from kb.sandbox.invented_ids import ELSEWHERE
 from kb.sandbox.reddit.service import dumps
 from kb.sandbox.reddit.subreddit import CASES
@@ -127,9 +128,14 @@ def test_a_purge_in_worker_processes_leaves_the_same(
     ids.write_text(f"t1_{comment}\nt3_{post}\n")
     shutil.copytree(tiny.root, tmp_path / "other")
     listed = RULES.read_ids(ids, None)
-    remove_keys(tiny.run(), RULES, listed)
+    remove_keys(tiny.run(), CLASSES["reddit"].connector(tiny.run()), RULES, listed)
     monkeypatch.setattr(purge_raw, "_PARALLEL", 0)
-    remove_keys(tiny.run(root=tmp_path / "other", workers=2), RULES, listed)
+    remove_keys(
+        tiny.run(root=tmp_path / "other", workers=2),
+        CLASSES["reddit"].connector(tiny.run(root=tmp_path / "other", workers=2)),
+        RULES,
+        listed,
+    )
     one, two = (texts(root / "raw") for root in (tiny.root, tmp_path / "other"))
     del one["reddit/tombstones.parquet"], two["reddit/tombstones.parquet"]
     assert one == two

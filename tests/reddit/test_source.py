@@ -12,10 +12,10 @@ import pytest
 from kb.core.config.profile import load_profile
 from kb.reddit.passages import passages
 from kb.reddit.plan import plan_refresh
-from kb.release.build import release
 from kb.sandbox.reddit.subreddit import CASES
 from kb.store.lock import writer
 from tests.faults import Sandbox
+from tests.recipes import release
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import LATER, Work

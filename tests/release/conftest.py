@@ -10,11 +10,11 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.sources import BY_DEFAULT
-from kb.release.build import release
 from kb.release.publish.publish import publish
 from kb.schema import tables
 from tests.faults import Sandbox
 from tests.once import once
+from tests.recipes import release
 from tests.release.made import build, rows
 from tests.release.signed import signed
 from tests.services.zenodo import TOKEN

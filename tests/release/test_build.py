@@ -12,9 +12,10 @@ import pytest
 import kb
 from kb.core.context import Run
 from kb.core.licences import KNOWN
-from kb.release.build import release, write_samples
+from kb.release.build import write_samples
 from kb.release.folders import in_root
 from kb.store.state import tombstones
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.made import build
 

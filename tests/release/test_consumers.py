@@ -21,9 +21,9 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
-from kb.release.build import release
 from kb.schema import tables
 from tests.conftest import skip_or_fail
+from tests.recipes import release
 from tests.release.conftest import SOURCES, TABLES, a_run
 from tests.release.made import build, rows
 

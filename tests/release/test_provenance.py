@@ -12,9 +12,9 @@ from kb.cli import main
 from kb.core import installation
 from kb.core.config.profile import load_profile
 from kb.pairs import keywords
-from kb.release.build import release
 from kb.release.publish.publish import publish
 from tests.faults import Sandbox
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.made import build
 from tests.release.signed import LINES, signed

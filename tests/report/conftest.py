@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from kb.look import charts
-from kb.report.build import report
 from kb.store.state.frontier import Frontier
 from tests.once import once
+from tests.recipes import report
 from tests.release.made import build
 from tests.report.made import OfOne, a_run, odd
 

@@ -18,11 +18,11 @@ import pytest
 from kb.core.errors import FatalError
 from kb.core.sources import BY_DEFAULT
 from kb.look import charts
-from kb.report.build import report
 from kb.schema import table
 from kb.store.state import demo_mark
 from kb.store.state.frontier import Frontier
 from kb.store.tables.shard_writer import write_table
+from tests.recipes import report
 from tests.release.made import build
 from tests.report.made import OfOne, a_run
 

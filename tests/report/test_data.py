@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from kb.core.errors import DamagedData
-from kb.report.build import report
 from kb.report.data import ReportData
+from tests.recipes import report
 from tests.release.made import START, build
 from tests.report.made import a_run
 

@@ -9,8 +9,8 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.core.config.profile.products import Report
-from kb.core.sources import SOURCES
 from kb.reddit.report import thread
+from kb.registry import SOURCES
 from kb.report import build, derived
 from kb.report.data import ReportData
 from kb.report.figures import funnel, toxicity

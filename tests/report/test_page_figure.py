@@ -9,9 +9,9 @@ import pytest
 from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
 from kb.look import charts
-from kb.report.build import report
 from kb.report.data import ReportData
 from kb.wiki.report import pages
+from tests.recipes import report
 from tests.release.made import build
 from tests.report.made import a_run
 

@@ -8,10 +8,10 @@ import pytest
 from kb.artifacts.makers import make_and_export, make_artifact
 from kb.core.config.pipeline import Recipe
 from kb.filters.filter_run import run_clean
-from kb.release.build import release
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.world import World
 from tests.faults import Sandbox
+from tests.recipes import release
 from tests.reddit.work import NOW, Work
 
 

@@ -22,11 +22,11 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, LimitReached, MissingCredential, QuotaSpent, SettingError
 from kb.net import retry
 from kb.reddit.parse.anonymize import keyed, load_key
-from kb.release import build as release_build
 from kb.release.folders import find
 from kb.schema import table
 from kb.store.state import tombstones
 from kb.youtube.parse.channels import mark
+from tests import recipes
 from tests.reddit.dumped import write
 from tests.reddit.restore.test_tables import archived
 from tests.reddit.work import NOW, rows, texts
@@ -404,7 +404,7 @@ def test_one_part_alone(made: Made, reader: Reader, release: Path) -> None:
 
 def test_of_the_wiki_nothing_is_brought_back(reader: Reader, tmp_path: Path) -> None:
     root = build(tmp_path / "wiki", sources=("wiki",))
-    release_build.release(a_run(root))
+    recipes.release(a_run(root))
     since = len(reader.made.sandbox.ledger)
     assert reader.restore(root / "release", without=KEYS)["failed"] == 0
     assert not (reader.root / "restored").exists()

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 import zstandard
 
-from kb.annotate.checkpoint import sha256_of
 from kb.core.errors import DamagedData
 from kb.sandbox import toxicity
 from kb.sandbox.toxicity import tiny_checkpoint
+from kb.store.checkpoint import sha256_of
 
 
 def test_it_is_unpacked_without_torch(tmp_path):

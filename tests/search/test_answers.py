@@ -20,6 +20,7 @@ from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData, UsageError
 from kb.core.sources import SOURCES
 from kb.filters.filter_run import run_clean
+from kb.registry import SOURCES as CLASSES
 from kb.search.answers import MOST as SNIPPET_WORDS
 from kb.search.answers import search, snippet
 from kb.search.build import index
@@ -125,7 +126,7 @@ def brute(passages: list[tuple[str, list[str]]], words: list[str]) -> list[float
 def every(root: Path) -> list[tuple[str, Passage]]:
     """All passages of the small world, by source."""
     profile = load_profile("minecraft")
-    return [(name, one) for name, each in SOURCES.items() for one in each.passages(profile, root)]
+    return [(name, one) for name, each in CLASSES.items() for one in each.passages(profile, root)]
 
 
 @pytest.mark.parametrize("words", ["camel", "bones ride", "leather welcome nobody"])

@@ -11,6 +11,7 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.crawl.purge import remove_keys
+from kb.registry import SOURCES as CLASSES
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
@@ -51,7 +52,9 @@ def test_names_in_other_letters_and_forms_go_and_shared_ones_stay(tmp_path: Path
     ids.write_text("1\n")
     settings = load_settings(dotenv=False, kb_data=tmp_path, kb_contact="me@example.org")
     run = Run(settings, load_profile("minecraft"), tmp_path)
-    assert remove_keys(run, RULES, RULES.read_ids(ids, None))[0].keys == {"1": "named"}
+    assert remove_keys(run, CLASSES["wiki"].connector(run), RULES, RULES.read_ids(ids, None))[
+        0
+    ].keys == {"1": "named"}
     (left,) = rawlog.read(tmp_path, "wiki", "imageinfo")
     assert left.request.params == {"titles": [both[1]]}
     assert left.response == {"query": {"normalized": [], "pages": [pages[2]]}}
@@ -97,7 +100,7 @@ def test_a_purge_that_was_killed_leaves_no_title_in_the_state(
         return real(*args, **options)
 
     def whole() -> None:
-        remove_keys(run, RULES, RULES.read_ids(ids, None))
+        remove_keys(run, CLASSES["wiki"].connector(run), RULES, RULES.read_ids(ids, None))
         steps.finish(tmp_path, "wiki")
 
     with monkeypatch.context() as patch:

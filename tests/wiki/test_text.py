@@ -9,16 +9,16 @@ import duckdb
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.export import layouts
 from kb.wiki.browser.browser import Browser, Pool, reach
 from kb.wiki.parse import facts, tables
 from kb.wiki.parse.facts import MarkupRules
 from kb.wiki.text import PageText
+from tests.recipes import export
 from tests.wiki.shown_words import READ, compared, words
 
 
 def texts_of(run: Any) -> dict[str, Any]:
-    layouts.export(run, "wiki", "text")
+    export(run, "wiki", "text")
     lines = (run.root / "export/text/wiki.jsonl").read_text(encoding="utf-8").splitlines()
     return {one["metadata"]["url"]: one for one in map(json.loads, lines)}
 

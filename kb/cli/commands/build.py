@@ -276,6 +276,7 @@ def _crawled_sources(run: Run, asked: list[str]) -> list[str]:
 
     Raises SettingError, FatalError without any, MissingCredential.
     """
+    from kb.registry import SOURCES as CLASSES
     from kb.store.layout import Layout
     from kb.store.tables import reading
 
@@ -301,7 +302,7 @@ def _crawled_sources(run: Run, asked: list[str]) -> list[str]:
             hint="run a crawl first; `kb build` makes what is out of date",
         )
     for name in chosen:
-        SOURCES[name].connector(run).identity()
+        CLASSES[name].connector(run).identity()
     return chosen
 
 

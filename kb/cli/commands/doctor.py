@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -26,7 +26,6 @@ from kb.core.errors import (
     DamagedData,
     FatalError,
     KbError,
-    MissingExtra,
     SettingError,
     UsageError,
 )
@@ -113,7 +112,7 @@ def _all(options: Options, online: bool) -> Iterator[Line]:
         yield from _workers(options, run)
     if online:
         from kb.cli.commands.profile_files import ask
-        from kb.core.config.profile.base import ERROR, WARNING
+        from kb.core.config.section import ERROR, WARNING
 
         for finding, _, _ in ask(run):
             state = PROBLEM if finding.level in (ERROR, WARNING) else OK
@@ -226,20 +225,14 @@ def warn_of_space(run: Run, source: str) -> None:
 
 def _planned(run: Run) -> Iterator[tuple[str, float]]:
     """What the crawl of each source of the profile would add to raw/, in GB; sends nothing."""
-    for source in SOURCES:
-        if getattr(run.profile, source, None) is None:
-            continue
-        plan: Any
-        if source == "youtube":
-            from kb.youtube.plan import plan
-        elif source == "wiki":
-            from kb.wiki.crawl.connector import plan_crawl as plan
-        elif source == "reddit":
-            from kb.reddit.plan import plan_crawl as plan
-        else:
+    from kb.registry import SOURCES as CLASSES
+
+    for name, source in CLASSES.items():
+        if getattr(run.profile, name) is None:
             continue
         with contextlib.suppress(KbError):  # a damaged state: `kb verify` tells
-            yield source, float(plan(run)["gb"])
+            if (plan := source.plan(run)) is not None:
+                yield name, float(plan["gb"])
 
 
 def _file_system(place: Path) -> str:
@@ -271,18 +264,15 @@ def _clock(run: Run) -> Iterator[Line]:
 
 def _programs(run: Run) -> Iterator[Line]:
     """Browser and driver where the profile has a wiki, and the toxicity model."""
-    if run.profile.wiki is not None:
-        from kb.wiki.browser import chromium
+    from kb.registry import SOURCES as CLASSES
 
-        try:
-            programs = chromium.find()
-            yield OK, "browser", f"{programs.browser} with {programs.driver}", ""
-        except MissingExtra as error:
-            yield PROBLEM, "browser", str(error), error.hint
+    for name, source in CLASSES.items():
+        if getattr(run.profile, name) is not None:
+            yield from source.requirements(run)
     if not run.profile.toxicity.on:
         yield OK, "toxicity model", "off in the profile", ""
         return
-    from kb.annotate import checkpoint
+    from kb.store import checkpoint
 
     try:
         checkpoint.need_extra()
@@ -332,18 +322,13 @@ def _network(run: Run) -> Iterator[Line]:
     from urllib.request import getproxies_environment
 
     from kb.net.certificates import authorities
-    from kb.wiki.browser.chromium import has_certificates
 
     try:
-        name, path = authorities()
-        yield OK, "certificates", f"{path} ({name})" if path else "the usual authorities", ""
+        name, place = authorities()
+        yield OK, "certificates", f"{place} ({name})" if place else "the usual authorities", ""
     except SettingError as error:
         yield PROBLEM, "certificates", str(error), error.hint
         return
-    if path and run.profile.wiki is not None and not has_certificates():
-        what = "it trusts the usual authorities alone"
-        fix = "if your company signs certificates, add its authority (docs/long-crawls.md)"
-        yield NOTE, "browser's certificates", what, fix
     for kind, proxy in sorted(getproxies_environment().items()):
         what = "hosts that are asked directly" if kind == "no" else f"proxy of {kind}"
         yield OK, what, redact.text(proxy), ""

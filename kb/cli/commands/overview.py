@@ -15,10 +15,10 @@ from kb.artifacts import freshness
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
 from kb.core import clock
-from kb.core.source import Source
 from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
 from kb.crawl.job import STOPPED
+from kb.registry import SOURCES as CLASSES
 from kb.schema.tables import tables as declared
 from kb.store import lock
 from kb.store.layout import TOP, VERDICTS, Layout, parquet_files
@@ -28,6 +28,7 @@ from kb.store.walk import files_below
 
 if TYPE_CHECKING:
     from kb.core.context import Run
+    from kb.source import Source
 
 
 def next_steps(sources: dict[str, dict[str, Any]], stale: Any) -> list[str]:
@@ -122,7 +123,7 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         "quota": {},
     }
     if state.exists():
-        about |= _frontier(run, of, state)
+        about |= _frontier(run, CLASSES[source], state)
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
     about["rows"] = tables
     about |= _verdicts(run.root, source)
@@ -132,16 +133,17 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     # Keys of answers that schemas/ does not declare, as often as the last filter saw them.
     keys = reading.filtered(run.root, source).get("unknown_keys")
     about["unknown_keys"] = keys if isinstance(keys, dict) else {}
-    return about | of.incomplete(run.root)
+    return about
 
 
 def _frontier(run: Run, source: Source, state: Path) -> dict[str, Any]:
+    of = source.declared
     with reading.state(state) as frontier:
         kinds = frontier.kinds()
         phases = {}
-        for kind in source.in_order(kinds):
+        for kind in of.in_order(kinds):
             counts = kinds[kind]
-            phases[source.noun(kind)] = {
+            phases[of.noun(kind)] = {
                 **counts,
                 "total": sum(counts.values()),
                 "left": sum(counts.get(status, 0) for status in _LEFT),
@@ -150,7 +152,7 @@ def _frontier(run: Run, source: Source, state: Path) -> dict[str, Any]:
         return {
             "phases": phases,
             "failures": frontier.failures(),
-            "left_by": source.left_by(kinds),
+            "left_by": of.left_by(kinds),
             "crawled_so_far": source.crawled(frontier),
             "requests": requests,
             **frontier.cursor(STOPPED, {}, of=dict[str, str]),

@@ -18,7 +18,7 @@ from kb.core.errors import SettingError
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
-    from kb.core.config.profile.base import Finding, QuestionCost
+    from kb.core.config.section import Finding, QuestionCost
     from kb.pairs.keyword_proposal import Proposal
 
 
@@ -152,7 +152,7 @@ def check(
         selector_findings,
     )
     from kb.core.config.profile import find_profile
-    from kb.core.config.profile.base import ERROR, LEVELS, NOTE, Finding
+    from kb.core.config.section import ERROR, LEVELS, NOTE, Finding
 
     if name is not None and options.profile not in (None, name):
         raise SettingError(f"two profiles are named, {name} and {options.profile}")
@@ -249,9 +249,8 @@ def _proposal(run: Run) -> Proposal:
     from kb.pairs.keyword_proposal import propose
     from kb.store.rawlog import rawlog
     from kb.wiki.parse.answers import named_pages
-    from kb.wiki.source import Wiki
 
-    if not rawlog.segments(run.root, Wiki.name, "pages"):
+    if not rawlog.segments(run.root, "wiki", "pages"):
         raise SettingError(
             f"no wiki was crawled into {run.root}",
             hint="run `kb wiki crawl` first, or name its data root with --data",

@@ -18,7 +18,10 @@ from typing import TYPE_CHECKING, Any
 from kb.core.config.addresses import is_loopback
 from kb.core.config.pipeline import own
 from kb.core.config.profile import load_profile, shipped_names
-from kb.core.config.profile.base import (
+from kb.core.config.profile.check import Checked, check_file
+from kb.core.config.profile.new import KEYWORDS, profile_text
+from kb.core.config.profile.release import Release
+from kb.core.config.section import (
     ERROR,
     NOTE,
     REFUSED,
@@ -32,9 +35,6 @@ from kb.core.config.profile.base import (
     read_text,
     worst_first,
 )
-from kb.core.config.profile.check import Checked, check_file
-from kb.core.config.profile.new import KEYWORDS, profile_text
-from kb.core.config.profile.release import Release
 from kb.core.errors import (
     CredentialRefused,
     FatalError,
@@ -50,7 +50,7 @@ from kb.core.errors import (
 from kb.core.installation import PROFILE_FILE
 from kb.core.installation import folder as shared
 from kb.core.regular_file import read_regular
-from kb.core.sources import SOURCES
+from kb.registry import SOURCES as CLASSES
 from kb.store import leftovers
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
@@ -68,12 +68,11 @@ def examine(path: Path, *, publishing: bool = True) -> Checked:
 
     checked = check_file(path, publishing=publishing)
     profile = checked.profile
-    youtube = profile.youtube if profile else None
     listed = check_lists(
         path.parent,
         checked.lists,
         profile.pairs if profile else None,
-        topic_known=youtube is None or bool(youtube.game_ids) or youtube.imported_topic == "known",
+        topic_known=profile is None or profile.topic_is_known,
         advice=publishing,
     )
     return checked._replace(findings=worst_first([*checked.findings, *listed]))
@@ -151,11 +150,12 @@ def captured_pages(root: Path) -> list[str]:
 
 def selector_findings(profile: Profile, pages: list[str]) -> list[Finding]:
     """Invalid selectors, and selectors set by the profile itself that match nothing."""
-    if profile.wiki is None:
-        return []
     from kb.wiki.crawl.online import count_matches
+    from kb.wiki.section import WikiSection
 
-    markup = profile.wiki.markup
+    if (wiki := profile.section_if_any(WikiSection)) is None:
+        return []
+    markup = wiki.markup
     usual = type(markup)()
     own = {
         f"wiki.markup.{name}"
@@ -191,7 +191,7 @@ def ask(run: Run) -> Iterator[tuple[Finding, QuestionCost, int]]:
 
     Raises Interrupted only: another error is an answer as well.
     """
-    for source, each in SOURCES.items():
+    for source, each in CLASSES.items():
         if getattr(run.profile, source) is None:
             continue
         cost = QuestionCost()
@@ -232,10 +232,15 @@ def write_new(
     `source` that can't be read.
     """
     _check_name(name)
+    given = {"wiki.url": ("--wiki", wiki), "reddit.subreddit": ("--subreddit", subreddit)}
+    values = {key: value for key, (_, value) in given.items() if value is not None}
     base = load_profile(source) if source is not None else None
     signed = _signed(**owner)
-    text = profile_text(name, wiki=wiki, subreddit=subreddit, source=base, release=signed)
-    _check_given(text, wiki=wiki, subreddit=subreddit, **owner)
+    asked = {"release.contact": "contact"}
+    asked |= dict.fromkeys((f"release.licenses.{one}" for one in Release().unlicensed()), "licence")
+    given |= {key: (f"--{option}", owner.get(option)) for key, option in asked.items()}
+    text = profile_text(name, values=values | signed, source=base)
+    _check_given(text, given)
     files = {PROFILE_FILE: text}
     if base is None:
         files["keywords.tsv"] = KEYWORDS
@@ -289,24 +294,16 @@ def _signed(
     *, licence: str | None = None, creator: str | None = None, contact: str | None = None
 ) -> dict[str, Any]:
     """Keys of [release]; one licence is for all folders but the wiki's, whose pages name one."""
-    licensed = Release().unlicensed()
     known = {
-        "release.licenses": licence and dict.fromkeys(licensed, licence),
+        "release.licenses": licence and dict.fromkeys(Release().unlicensed(), licence),
         "release.creators": creator and ({"name": creator},),
         "release.contact": contact,
     }
     return {key: value for key, value in known.items() if value}
 
 
-def _check_given(text: str, **options: str | None) -> None:
-    """Raise SettingError now for values that would be refused later."""
-    keys = {
-        "wiki.url": "wiki",
-        "reddit.subreddit": "subreddit",
-        "release.contact": "contact",
-        **{f"release.licenses.{name}": "licence" for name in Release().unlicensed()},
-    }
-    given = {key: (f"--{name}", options.get(name)) for key, name in keys.items()}
+def _check_given(text: str, given: Mapping[str, tuple[str, str | None]]) -> None:
+    """Raise SettingError now for values that would be refused later, by their keys."""
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / PROFILE_FILE
         path.write_text(text, encoding="utf-8")

@@ -212,8 +212,9 @@ def mcp(run: Run) -> None:
     retrieved text as such. Needs the extra `mcp`. docs/agents.md shows how to set up clients.
     """
     from kb.mcp.server import serve
+    from kb.registry import SOURCES as CLASSES
 
-    serve(run)
+    serve(run, CLASSES)
 
 
 explore_app = group("Search, rows, stages and pairs in a browser, on this machine.")
@@ -251,12 +252,14 @@ def explore(
     from kb.artifacts.table_catalog import read
     from kb.cli.commands.overview import overview
     from kb.explore.server import serve
+    from kb.registry import SOURCES as CLASSES
 
     warn_stale(run)
     serve(
         read(run.root).path,
         run.profile,
         lambda: overview(run),
+        CLASSES,
         port,
         browser=not no_browser,
         say=lambda address: print(address, flush=True),

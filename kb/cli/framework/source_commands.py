@@ -121,8 +121,9 @@ def app_of(name: str) -> Group:
     )
     def crawl(run: Run) -> Summary:
         from kb.crawl.job import crawl_source
+        from kb.registry import SOURCES as CLASSES
 
-        return crawl_source(run, source)
+        return crawl_source(run, source, CLASSES[name].connector(run))
 
     add_filter(app, name)
     add_export(app, name)

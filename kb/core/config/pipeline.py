@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from kb.core.config.profile import Profile
-from kb.core.config.profile.base import read_text
+from kb.core.config.section import read_text
 from kb.core.errors import SettingError
 from kb.core.installation import folder, state_root
 from kb.core.sources import SOURCES
@@ -31,7 +31,7 @@ def shipped(name: str) -> Path:
     """
     path = folder("pipelines") / f"{name}.py"
     if not path.is_file() and name in SOURCES:
-        path = SOURCES[name].folder / "pipeline.py"
+        path = SOURCES[name].package / "pipeline.py"
     if not path.is_file():
         raise SettingError(f"there is no recipe {path}", hint="install Lorecrawl again")
     return path

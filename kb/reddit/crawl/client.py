@@ -17,7 +17,7 @@ from prawcore.sessions import FiniteRetryStrategy
 
 from kb.core import clock
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.base import (
+from kb.core.config.section import (
     ERROR,
     NOTE,
     WARNING,
@@ -25,7 +25,6 @@ from kb.core.config.profile.base import (
     OnlineAnswer,
     QuestionCost,
 )
-from kb.core.config.profile.collecting import RedditSection
 from kb.core.config.settings import REDDIT, Settings
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
@@ -33,6 +32,7 @@ from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt
 from kb.net.session import HttpSession, host_of
 from kb.reddit.crawl.errors import consequence, problem, too_deep
+from kb.reddit.section import RedditSection
 
 ROOT = "https://www.reddit.com"
 OAUTH = "https://oauth.reddit.com"

@@ -13,6 +13,7 @@ from kb.core import clock
 from kb.core.cached_property import cached_property
 from kb.core.context import Run
 from kb.core.errors import FatalError, ItemFinal, Retryable
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.crawl.connector import Answer, Phase
 from kb.crawl.job import work
@@ -28,7 +29,6 @@ from kb.reddit.parse import answer_tree
 from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.reddit.parse.answer_tree import theirs
 from kb.reddit.parse.remove_ids import without, without_asked
-from kb.reddit.source import Reddit
 from kb.store.rawlog.rawlog import Request
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
@@ -267,7 +267,7 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
         """Figures of this run and what is left."""
         frontier = session.frontier
         counts = {kind: frontier.counts(kind) for kind in KINDS}
-        left = Reddit.left_by(counts)
+        left = SOURCES["reddit"].left_by(counts)
         left_out = outside(frontier)
         return Summary(
             command="reddit crawl",

@@ -10,7 +10,6 @@ from pathlib import Path
 import msgspec
 
 from kb.core import signals
-from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped
@@ -29,6 +28,7 @@ from kb.reddit.dumps.files import find_dumps, memory
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.dumps.known_dumps import KnownDumps
 from kb.reddit.parse.anonymize import load_key
+from kb.reddit.section import RedditSection
 from kb.store.rawlog import rawlog
 
 

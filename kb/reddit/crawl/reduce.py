@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from kb.core.config.profile.collecting import RedditSection as Section
 from kb.reddit.parse import answer_tree
+from kb.reddit.section import RedditSection as Section
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier
 

@@ -17,6 +17,7 @@ from kb.core import clock
 from kb.core.cached_property import cached_property
 from kb.core.context import Run
 from kb.core.errors import Retryable
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.crawl.connector import Answer, Opened, Phase
 from kb.crawl.job import work
@@ -27,7 +28,6 @@ from kb.reddit.crawl.reduce import RefreshItem
 from kb.reddit.crawl.subreddit import INFO
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.latest_state import LatestState, latest_state
-from kb.reddit.source import Reddit
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.state.frontier import ROUND, Frontier, Item, going_on
 from kb.store.tables import database, parquet, reading
@@ -129,7 +129,7 @@ class RedditRefresh(RedditConnector):
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
         counts = session.frontier.counts(INFO.kind)
-        left = Reddit.left_by({INFO.kind: counts})
+        left = SOURCES["reddit"].left_by({INFO.kind: counts})
         return Summary(
             command="refresh reddit",
             source="reddit",

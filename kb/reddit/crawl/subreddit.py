@@ -4,11 +4,11 @@ An import of dumps opens no more than this. What asks Reddit (kb.reddit.crawl.co
 it, and loads PRAW, which takes a quarter of a second.
 """
 
-from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.crawl.connector import Connector, Opened, Phase
 from kb.reddit.crawl import reduce
 from kb.reddit.dumps.cursor import recover_segments
+from kb.reddit.section import RedditSection
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier
 

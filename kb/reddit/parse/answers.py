@@ -15,10 +15,10 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
-from kb.core.config.profile.collecting import Links
 from kb.core.errors import DamagedData
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.records import RecordReader, Row, new_row
+from kb.reddit.section import Links
 from kb.schema.coerce import times
 from kb.schema.decode import holdable, in_batches, problems
 from kb.schema.tables import table

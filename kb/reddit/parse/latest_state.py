@@ -14,10 +14,10 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config.profile.collecting import Links, RedditSection
 from kb.core.context import Run
 from kb.core.engine import executor_of, map_in_order
 from kb.reddit.parse import answers as parse
+from kb.reddit.section import Links, RedditSection
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog

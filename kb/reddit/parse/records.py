@@ -14,10 +14,10 @@ from html.entities import html5
 from typing import Any
 from urllib.parse import urlsplit
 
-from kb.core.config.profile.collecting import Links
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.answer_tree import PURGED
 from kb.reddit.parse.removal import LATEST, flag, removal, retrieved
+from kb.reddit.section import Links
 
 Post = Mapping[str, Any]
 _SUBDOMAINS = ("www.", "m.", "old.", "new.", "i.")

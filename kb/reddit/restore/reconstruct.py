@@ -31,10 +31,10 @@ import pyarrow.compute as pc
 
 from kb.artifacts.restore import FAILED, MISSING, WORK, WantedContent
 from kb.core.config.profile import DEFAULT, load_profile
-from kb.core.config.profile.collecting import RedditSection
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPart, PlanPhase
 from kb.crawl import job
@@ -56,7 +56,7 @@ from kb.reddit.dumps.search import write_index
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.plan import plan_rebuild
 from kb.reddit.restore import tables
-from kb.reddit.source import Reddit
+from kb.reddit.section import RedditSection
 from kb.store import leftovers
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout, parquet_files
@@ -106,7 +106,7 @@ class KnownIds(RedditConnector):
         """Figures of this run and what is left."""
         frontier = session.frontier
         counts = {phase.kind: frontier.counts(phase.kind) for phase in self.phases}
-        left = Reddit.left_by(counts)
+        left = SOURCES["reddit"].left_by(counts)
         return Summary(
             command="reddit reconstruct",
             source="reddit",

@@ -27,13 +27,13 @@ from kb.artifacts.restore import (
     RestoreFolder,
     fresh_rows,
 )
-from kb.core.config.profile.collecting import Links
 from kb.core.errors import SettingError
 from kb.reddit.crawl.ids import Released, WantedThings
 from kb.reddit.dumps.cursor import KIND
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse.answer_tree import depths
 from kb.reddit.parse.assemble import assemble, newest_of, with_counts
+from kb.reddit.section import Links
 from kb.schema.tables import Table
 from kb.store.exhausted import full_disk_is_resumable
 from kb.store.rawlog import rawlog

@@ -20,8 +20,7 @@ from kb import __version__
 from kb.core.context import Run
 from kb.core.installation import install_extra, lock_digest, software_address
 from kb.core.licences import licence
-from kb.core.source import Source
-from kb.core.sources import PUBLISHED
+from kb.core.sources import PUBLISHED, SourceDeclaration
 from kb.core.summary import remaining
 from kb.release import provenance
 from kb.release.metadata.measure import Facts, TableFacts
@@ -36,13 +35,13 @@ def picture(facts: Facts) -> list[tuple[str, int, str]]:
     frequent keywords are met.
     """
     of = PUBLISHED[facts.source]
-    if isinstance(of, Source) and of.stages:
+    if isinstance(of, SourceDeclaration) and of.stages:
         return _bars(_funnel(facts, of))
     main = [column for one in facts.tables if one.table.short == of.main for column in one.columns]
     return _bars([one for fact in main if fact.column.name == of.pictured for one in fact.top])
 
 
-def _funnel(facts: Facts, source: Source) -> list[tuple[str, int]]:
+def _funnel(facts: Facts, source: SourceDeclaration) -> list[tuple[str, int]]:
     """What was crawled, then what was left behind each stage that dropped something."""
     dropped: dict[str, int] = {}
     for stage, _, n in facts.rejected:

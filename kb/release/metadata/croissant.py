@@ -281,7 +281,7 @@ def _origins(run: Run, source: str) -> list[dict[str, Any]]:
         ]
     of = SOURCES[source]
     entity = {"@type": "prov:Entity", "prov:label": of.title}
-    if address := of.origin(run.profile):
+    if address := run.profile.service_address(source):
         entity["url"] = address
     return [entity]
 

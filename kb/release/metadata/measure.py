@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from duckdb import DuckDBPyConnection
 
@@ -128,17 +128,31 @@ _TOPS = 8
 _LOW, _HIGH = "min({} AT TIME ZONE 'UTC')", "max({} AT TIME ZONE 'UTC')"
 
 
-def measure(run: Run, folder: ReleaseFolder) -> Facts:
+class MeasuredPublication(Protocol):
+    """What is published, and says what its rows are like."""
+
+    def gaps(self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> Iterator[str]:
+        """Sentences on what the released rows lack."""
+
+    def quality(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> tuple[str, ...]:
+        """Sentences on how good they are."""
+
+
+def measure(run: Run, folder: ReleaseFolder, published: MeasuredPublication) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
     shards = [shard for part in folder.parts for shard in part.shards]
     verdicts = [manifest.rows(run.root, f"{folder.source}/{verdict}") for verdict in VERDICTS]
     asked = [*shards, *chain.from_iterable(verdicts)]
     parquet.check(*asked)
     with database.over(asked, run.root) as con:
-        return _facts(con, run, folder)
+        return _facts(con, run, folder, published)
 
 
-def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
+def _facts(
+    con: DuckDBPyConnection, run: Run, folder: ReleaseFolder, published: MeasuredPublication
+) -> Facts:
     tables = tuple(_table(con, part) for part in folder.parts)
     read = _span(con, _times(folder, "fetched_at")) or _span(
         con, _read_times(run.root, made_of(folder.source))
@@ -169,8 +183,8 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
         unscored=not run.profile.toxicity.on
         or any("toxicity" in filtered(run.root, one) for one in sources),
         personal=personal_counts(folder),
-        gaps=tuple(of.gaps(con, run.root, folder)),
-        quality=of.quality(con, run.root, folder),
+        gaps=tuple(published.gaps(con, run.root, folder)),
+        quality=published.quality(con, run.root, folder),
     )
 
 

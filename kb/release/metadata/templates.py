@@ -99,7 +99,7 @@ def notes(facts: Facts) -> list[str]:
 
 def language(run: Run) -> str:
     """Language of the material as the profile gives it: ISO 639, two letters or three."""
-    return run.profile.youtube.language if run.profile.youtube else "en"
+    return run.profile.language
 
 
 def name(run: Run, facts: Facts) -> str:
@@ -226,7 +226,7 @@ def _rows_of(way: Way) -> dict[str, Any]:
 def _sentences(source: str) -> dict[str, Any]:
     path = TEMPLATES / "about" / f"{source}.toml"
     if not path.is_file():  # a source may bring its own
-        path = SOURCES[source].folder / "about.toml"
+        path = SOURCES[source].package / "about.toml"
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 

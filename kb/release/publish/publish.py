@@ -11,7 +11,7 @@ from kb.artifacts import domain_binding
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core import signals
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.base import is_placeholder
+from kb.core.config.section import is_placeholder
 from kb.core.context import Run
 from kb.core.errors import KbError, ProfileError
 from kb.core.summary import Summary

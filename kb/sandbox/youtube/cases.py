@@ -16,6 +16,7 @@ from typing import Any
 
 from kb.core.config.profile import Profile
 from kb.sandbox.speech import Cast
+from kb.youtube.section import YouTubeSection
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,7 @@ class CaseRules:
 
 def rules_of(profile: Profile, tags: tuple[str, str, str]) -> CaseRules:
     """The rules of a profile; the usual ones where it has no [youtube]."""
-    section = profile.youtube
+    section = profile.section_if_any(YouTubeSection)
     if section is None:
         return CaseRules(profile.title, tags)
     return CaseRules(

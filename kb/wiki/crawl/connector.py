@@ -21,9 +21,9 @@ from urllib.parse import urlsplit
 from requests import PreparedRequest
 
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.collecting import WikiSection
 from kb.core.context import Run
 from kb.core.errors import Postponed
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read
 from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
@@ -48,7 +48,7 @@ from kb.wiki.crawl.http_client import WikiHosts
 from kb.wiki.crawl.ids import read_titles
 from kb.wiki.crawl.reduce import PAYLOADS
 from kb.wiki.parse import answers
-from kb.wiki.source import Wiki
+from kb.wiki.section import WikiSection
 
 _NAMED = ("robots.txt", "api.php")  # requests of the ledger that have a name of their own
 SITE = Phase(kind="site", unit="sites", feeds=("titles",), shown=False)
@@ -312,7 +312,7 @@ class WikiConnector(Connector):
         robots = skipped.pop("disallowed", 0)
         departed = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
         missing = reduce.missing(frontier)
-        left = Wiki.left_by(kinds)
+        left = SOURCES["wiki"].left_by(kinds)
         return Summary(
             command="wiki crawl",
             source="wiki",

@@ -12,7 +12,6 @@ from urllib.parse import urlsplit
 import msgspec
 
 from kb.core import clock
-from kb.core.config.profile.collecting import WikiSection
 from kb.core.errors import DamagedData
 from kb.store import damage_note
 from kb.store.layout import BELOW, Layout
@@ -23,6 +22,7 @@ from kb.wiki import media_urls
 from kb.wiki.crawl import reduce
 from kb.wiki.crawl.reduce import SiteItem
 from kb.wiki.parse.tables import read_extraction
+from kb.wiki.section import WikiSection
 
 COMPARED = 3  # other items that are asked for when one is refused
 

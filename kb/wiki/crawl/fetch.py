@@ -17,7 +17,6 @@ from urllib.parse import unquote_to_bytes
 import msgspec
 
 from kb.core import clock, signals
-from kb.core.config.profile.collecting import WikiSection
 from kb.core.errors import ItemFinal, Postponed, Retryable
 from kb.crawl.connector import Answer
 from kb.store.atomic import replacing_folder
@@ -46,6 +45,7 @@ from kb.wiki.errors import (
     TransientStatus,
 )
 from kb.wiki.parse import answers
+from kb.wiki.section import WikiSection
 
 LARGEST_PART = 1_000_000  # characters of a picture in a data: address
 LONGEST = 5000  # bytes of titles in one URL; servers refuse longer ones

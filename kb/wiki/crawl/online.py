@@ -9,14 +9,14 @@ import contextlib
 from collections.abc import Iterable, Iterator
 
 from kb.core import terminal
-from kb.core.config.profile.base import NOTE, OnlineAnswer, QuestionCost
-from kb.core.config.profile.collecting import Markup, WikiSection
+from kb.core.config.section import NOTE, OnlineAnswer, QuestionCost
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
 from kb.wiki.crawl.client import WikiApi, find_endpoint
 from kb.wiki.crawl.http_client import WikiHosts
+from kb.wiki.section import Markup, WikiSection
 
 PAGES = 5  # that are read, to try the selectors on
 

@@ -19,8 +19,7 @@ from googleapiclient.discovery import build
 from googleapiclient.errors import HttpError
 
 from kb.core import terminal
-from kb.core.config.profile.base import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
-from kb.core.config.profile.collecting import YouTubeSection
+from kb.core.config.section import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.context import Run
 from kb.core.errors import (
     Challenged,
@@ -36,6 +35,7 @@ from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
 from kb.store.state.frontier import Frontier
 from kb.youtube.crawl import quota
+from kb.youtube.section import YouTubeSection
 
 GOOGLE = "https://youtube.googleapis.com"
 _SPENT = {"quotaExceeded", "dailyLimitExceeded", "dailyLimitExceededUnreg"}

@@ -23,11 +23,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core import clock
-from kb.core.config.profile.base import read_text
 from kb.core.config.profile.check import key_lines, line_of
-from kb.core.config.profile.collecting import YouTubeSection
+from kb.core.config.section import read_text
 from kb.core.context import Run
 from kb.core.errors import FatalError, KbError, SettingError
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
 from kb.crawl.job import work
@@ -71,7 +71,7 @@ from kb.youtube.parse import answers as parse
 from kb.youtube.parse.answers import PO_TOKEN
 from kb.youtube.parse.assemble import COUNTED, assemble, with_statistics
 from kb.youtube.parse.channels import ChannelFilter
-from kb.youtube.source import YouTube
+from kb.youtube.section import YouTubeSection
 from kb.youtube.ytdlp import info
 
 _log = logging.getLogger("kb.youtube")
@@ -378,7 +378,7 @@ class YouTubeConnector(Connector):
             self._unproductive = keywords_without_channels(frontier, self.profile.keywords)
         kinds = frontier.kinds()
         handled = {phase.kind: kinds.get(phase.kind, {}) for phase in self.chosen}
-        left = YouTube.left_by(handled)
+        left = SOURCES["youtube"].left_by(handled)
         requests, units = session.requests()
         return Summary(
             command="youtube crawl",

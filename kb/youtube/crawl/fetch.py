@@ -6,7 +6,6 @@ from functools import partial
 from typing import Any
 
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal, Retryable
 from kb.crawl.connector import Answer, Opened
@@ -32,6 +31,7 @@ from kb.youtube.crawl.reduce import (
 )
 from kb.youtube.crawl.transcripts import SITE, Fetcher
 from kb.youtube.parse import answers as parse
+from kb.youtube.section import YouTubeSection
 
 API, WEB = "api", "web"  # services
 PACK = 50  # ids a call, and entries a page: the API's largest

@@ -10,9 +10,9 @@ from datetime import UTC, datetime, timedelta
 from zoneinfo import ZoneInfo
 
 from kb.core import clock
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.errors import QuotaSpent
 from kb.store.state.frontier import Frontier
+from kb.youtube.section import YouTubeSection
 
 PACIFIC = ZoneInfo("America/Los_Angeles")
 SEARCH, GENERAL, STATISTICS, WEB = "search", "general", "statistics", "web"

@@ -19,12 +19,12 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.store.rawlog.rawlog import SEEDS, Envelope
 from kb.store.state.frontier import Frontier
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.answers import PO_TOKEN
 from kb.youtube.parse.channels import channel_of
+from kb.youtube.section import YouTubeSection
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS = (

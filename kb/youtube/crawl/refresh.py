@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from kb.core import clock
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase as Step
 from kb.core.summary.plan import plan
@@ -36,7 +36,7 @@ from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.fetch import API, PACK
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS
 from kb.youtube.parse import answers as parse
-from kb.youtube.source import YouTube
+from kb.youtube.section import YouTubeSection
 
 BYTES_A_CALL = {REFRESH: 60_000, STATISTICS: 3_000}  # compressed, of 50 videos
 READ = Phase(
@@ -192,6 +192,6 @@ class YouTubeRefresh(YouTubeConnector):
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What was read again, and what is left."""
         kinds = {phase.kind: session.frontier.counts(phase.kind) for phase in self.chosen}
-        left = YouTube.left_by(kinds)
+        left = SOURCES["youtube"].left_by(kinds)
         asked = self.of_known("refresh youtube", session, STATISTICS, REFRESH)
         return Summary(asked, left=sum(left.values()), left_by=left)

@@ -10,8 +10,8 @@ from pathlib import Path
 import msgspec
 
 from kb.core import clock
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.core.summary.plan import plan
 from kb.crawl.connector import Phase
@@ -25,7 +25,7 @@ from kb.youtube.crawl.fetch import WEB
 from kb.youtube.crawl.reduce import FINAL, RAW_SECOND_TRACKS, RAW_TRANSCRIPTS, SECOND_TRACKS
 from kb.youtube.parse.answers import PO_TOKEN
 from kb.youtube.plan import phase_of_tracks
-from kb.youtube.source import YouTube
+from kb.youtube.section import YouTubeSection
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 PHASE = Phase(
@@ -87,7 +87,7 @@ def not_fetched(root: Path, ids: Iterable[str]) -> list[str]:
 
 def _answers(root: Path, kind: str) -> Iterator[_Answer]:
     decoder = msgspec.json.Decoder(_Answer)
-    for path in rawlog.segments(root, YouTube.name, kind):
+    for path in rawlog.segments(root, "youtube", kind):
         for _, line in rawlog.Frames(path):
             yield decoder.decode(line)
 
@@ -95,7 +95,7 @@ def _answers(root: Path, kind: str) -> Iterator[_Answer]:
 def plan_second_tracks(run: Run, ids: Collection[str]) -> Summary:
     """What `fetch_second_tracks` would ask for now. Sends and writes nothing."""
     phase = phase_of_tracks(run, "second tracks", len(not_fetched(run.root, ids)))
-    return Summary(plan("pairs measure", YouTube.name, [phase]))
+    return Summary(plan("pairs measure", "youtube", [phase]))
 
 
 def fetch_second_tracks(run: Run, ids: Collection[str]) -> Summary:
@@ -121,10 +121,10 @@ class YouTubeSecondTracks(YouTubeConnector):
 
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What was fetched, and what is left."""
-        left = YouTube.left_by({SECOND_TRACKS: session.frontier.counts(SECOND_TRACKS)})
+        left = SOURCES["youtube"].left_by({SECOND_TRACKS: session.frontier.counts(SECOND_TRACKS)})
         return Summary(
             command="pairs measure",
-            source=YouTube.name,
+            source="youtube",
             fetched=self.counts["second_tracks"],
             failed=session.frontier.counts(SECOND_TRACKS).get("error", 0),
             requests=session.requests()[0],

@@ -18,7 +18,6 @@ import urllib3
 import youtube_transcript_api as lib
 from youtube_transcript_api import YouTubeTranscriptApi
 
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.config.settings import Settings
 from kb.core.errors import Challenged, Retryable
 from kb.core.languages import one_name
@@ -27,6 +26,7 @@ from kb.net.retry import PATIENCE_S, attempt, blocked
 from kb.net.session import Door, HttpSession, failure, refusal
 from kb.youtube.crawl import player
 from kb.youtube.parse.answers import FORMAT
+from kb.youtube.section import YouTubeSection
 from kb.youtube.ytdlp import subtitles
 from kb.youtube.ytdlp.tracks import TrackLanguage, language_of
 

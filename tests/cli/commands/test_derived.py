@@ -12,7 +12,6 @@ import kb
 from kb.annotate.toxicity import ToxicityScorer
 from kb.core.context import Run
 from kb.filters.filter_run import run_clean, texts
-from kb.release.build import release
 from kb.release.metadata.measure import models
 from kb.sandbox.world import World
 from kb.store.tables.shard_writer import write_table
@@ -23,6 +22,7 @@ from tests.faults import Sandbox
 from tests.inprocess import Here
 from tests.links import made
 from tests.links.conftest import run  # noqa: F401  a fixture
+from tests.recipes import release
 from tests.release.made import build
 from tests.report.conftest import no_pdf  # noqa: F401  a fixture
 from tests.youtube.job import Job

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from kb.core.config.profile.base import Section
+from kb.core.config.section import Section
 
 
 class FeedSection(Section):

@@ -10,7 +10,7 @@ from kb.core.source import Source
 
 if TYPE_CHECKING:
     from kb.core.config.profile import Profile
-    from kb.core.config.profile.base import Section
+    from kb.core.config.section import Section
     from kb.core.context import Run
     from kb.crawl.connector import Connector
     from kb.links.texts import TextPart

@@ -10,7 +10,7 @@ import requests
 
 from kb.core import clock
 from kb.core.config.profile import load_profile
-from kb.core.config.profile.base import ERROR, NOTE, WARNING, QuestionCost
+from kb.core.config.section import ERROR, NOTE, WARNING, QuestionCost
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import (

@@ -22,6 +22,7 @@ from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.dumps.known_dumps import note_name, samples_of
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.purge import RULES
+from kb.registry import SOURCES as CLASSES
 from kb.store import lock
 from kb.store.rawlog import rawlog
 from kb.verify.root import verify
@@ -212,7 +213,12 @@ def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
     os.rename(base / place.segment, cursor.hidden(base, place.segment))
     cursor.hidden(base, name).write_bytes(b"TITLE00301")
     (tmp_path / "ids.txt").write_text("t3_p00001\nt3_p00301\n")
-    remove_keys(run_in(tmp_path), RULES, RULES.read_ids(tmp_path / "ids.txt", None))
+    remove_keys(
+        run_in(tmp_path),
+        CLASSES["reddit"].connector(run_in(tmp_path)),
+        RULES,
+        RULES.read_ids(tmp_path / "ids.txt", None),
+    )
     assert not list(base.glob(".*"))
     assert len(ids(tmp_path)) == 299
     import_dumps(run_in(tmp_path), [dump])

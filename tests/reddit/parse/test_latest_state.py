@@ -11,6 +11,7 @@ from kb.core.errors import DamagedData
 from kb.crawl.purge import dry_purge
 from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.purge import RULES
+from kb.registry import SOURCES as CLASSES
 from kb.sandbox.reddit.service import dumps
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import read
@@ -70,7 +71,7 @@ def test_comments_go_with_their_post_whenever_it_went(work: Work) -> None:
     below = [comment(f"below_{key}", link_id=f"t3_{key}") for key in ("now", "old", "stays")]
     write(work.root, "comments", {"article": "now"}, listing(*below))
     tombstones.add(work.root, "reddit", [("t3_old", "named")])
-    with dry_purge(work.run(), RULES, None) as purge:
+    with dry_purge(work.run(), CLASSES["reddit"].connector(work.run()), RULES, None) as purge:
         keys = purge.keys
     assert keys == {
         "t3_now": "deleted",
@@ -103,7 +104,7 @@ def test_a_damaged_answer_is_named_and_not_taken_for_none(work: Work) -> None:
         pass
     with (
         pytest.raises(DamagedData, match=path.name),
-        dry_purge(work.run(), RULES, None),
+        dry_purge(work.run(), CLASSES["reddit"].connector(work.run()), RULES, None),
     ):
         pass
 

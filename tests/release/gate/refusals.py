@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import ReleaseRefused
-from kb.release.build import release
+from tests.recipes import release
 from tests.release.conftest import a_run
 
 Rows = list[dict[str, Any]]

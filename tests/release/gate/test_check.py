@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 from kb.core.errors import NotReleasable, ReleaseRefused
-from kb.release.build import release
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.gate.refusals import changed, refused, rewritten
 from tests.release.made import build

@@ -3,7 +3,7 @@
 import itertools
 from pathlib import Path
 
-from kb.release.build import release
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.gate.refusals import changed, refused
 from tests.release.made import build

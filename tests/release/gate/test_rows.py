@@ -9,7 +9,7 @@ import pytest
 
 from kb.artifacts.purge import note_keys
 from kb.core.errors import DamagedData
-from kb.release.build import release
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.gate.refusals import changed, refused, rewritten, with_first
 from tests.release.made import build

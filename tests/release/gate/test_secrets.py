@@ -6,8 +6,8 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from kb.release.build import release
 from kb.release.gate.contents import SecretPatterns
+from tests.recipes import release
 from tests.release.conftest import SECRETS, a_run
 from tests.release.gate.refusals import changed, refused, rewritten
 from tests.release.made import build

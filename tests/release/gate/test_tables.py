@@ -6,7 +6,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from kb.release.build import release
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.gate.refusals import changed, refused, rewritten, with_first
 from tests.release.made import build

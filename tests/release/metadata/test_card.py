@@ -22,9 +22,9 @@ from kb.cli.app import leaves
 from kb.core.licences import KNOWN
 from kb.core.sources import BY_DEFAULT, SOURCES
 from kb.export import wiki_tar
-from kb.release.build import release
 from kb.release.metadata.card import size_category
 from kb.release.metadata.templates import render
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.made import build, rows
 from tests.release.signed import LICENCES, SIGNED

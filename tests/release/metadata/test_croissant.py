@@ -8,9 +8,9 @@ import pytest
 
 from kb.core.errors import ProfileError
 from kb.core.progress import Progress
-from kb.release.build import release
 from kb.schema import tables
 from kb.verify.root import verify
+from tests.recipes import release
 from tests.release.conftest import SOURCES, TABLES, a_run
 from tests.release.made import build, rows
 from tests.release.signed import LICENCES, LINES, signed

@@ -11,10 +11,10 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.release.build import release
 from kb.schema import table
 from kb.store.layout import Layout
 from kb.store.tables.shard_writer import write_table
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.made import START, build, filled
 from tests.release.signed import LINES

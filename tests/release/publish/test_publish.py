@@ -13,8 +13,8 @@ from kb.core.errors import (
     FatalError,
     ReleaseRefused,
 )
-from kb.release.build import release
 from tests.faults import Sandbox
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.publish.sending import send, store
 from tests.services.zenodo import TOKEN

@@ -11,12 +11,12 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from kb.release.build import release
 from kb.release.publish.repository import joined
 from kb.store.state import tombstones
 from tests import processes
 from tests.faults import Sandbox
 from tests.inprocess import Done
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.made import build
 from tests.release.publish.hub_sending import (

@@ -15,11 +15,11 @@ from kb.core.errors import (
     KbError,
     Unreachable,
 )
-from kb.release.build import release
 from kb.release.publish.publish import plan, publish
 from tests import processes
 from tests.conftest import ROOT
 from tests.faults import Sandbox
+from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.made import build
 from tests.release.publish.sending import puts, send, store

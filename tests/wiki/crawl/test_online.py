@@ -3,8 +3,8 @@
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.core.config.profile.collecting import selector_problem
 from kb.wiki.crawl.online import count_matches, selectors_of
+from kb.wiki.section import selector_problem
 
 MARKUP = load_profile("minecraft").wiki.markup
 

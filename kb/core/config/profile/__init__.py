@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import shlex
 import tomllib
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
 
 from pydantic import Field, PrivateAttr, ValidationError, create_model
 
-from kb.core.config.profile.base import Section, problems, read_text
-from kb.core.config.profile.collecting import RedditSection, WikiSection, YouTubeSection
 from kb.core.config.profile.products import (
     ClipFiles,
     EntityLinks,
@@ -25,16 +24,19 @@ from kb.core.config.profile.products import (
     Toxicity,
 )
 from kb.core.config.profile.release import Release
-from kb.core.errors import ProfileError
+from kb.core.config.section import Section, SourceSection, problems, read_text
+from kb.core.errors import ProfileError, SettingError
 from kb.core.installation import PROFILE_FILE, folder
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, SourceDeclaration
 
 DEFAULT = "minecraft"
 AnySection = TypeVar("AnySection", bound=Section)
 
 
-class ShippedProfile(Section):
-    """A whole profile. Sections that a domain has no use for may be left out."""
+class SharedProfile(Section):
+    """A whole profile but for the sections of sources. Sections that a domain has no use for may be
+    left out.
+    """
 
     name: str = Field(
         pattern=r"^[a-z0-9][a-z0-9_-]*$",
@@ -43,9 +45,6 @@ class ShippedProfile(Section):
     )
     title: str = Field(description="the domain's name for people, e.g. Minecraft")
     seed: int = Field(0, description="seed of every random choice")
-    youtube: YouTubeSection | None = None
-    wiki: WikiSection | None = None
-    reddit: RedditSection | None = None
     pairs: Pairs | None = None
     tasks: Tasks = Tasks()
     links: EntityLinks = EntityLinks()
@@ -83,6 +82,36 @@ class ShippedProfile(Section):
             )
         return value
 
+    def section_if_any(self, source: type[AnySection]) -> AnySection | None:
+        """A section by its class, or None."""
+        return cast("AnySection | None", getattr(self, source.table))
+
+    @property
+    def language(self) -> str:
+        """The language of its texts, as the first source with one says it; else English."""
+        sections = (getattr(self, name) for name in SOURCES)
+        return next(filter(None, (getattr(one, "language", "") for one in sections)), "en")
+
+    @property
+    def topic_is_known(self) -> bool:
+        """Whether the topic of items can be known: no source decides it by words alone."""
+        return all(getattr(getattr(self, name), "topic_is_known", True) for name in SOURCES)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Whole words or phrases that show the topic, of all sources that name some."""
+        sections = (getattr(self, name) for name in SOURCES)
+        return tuple(word for section in sections for word in getattr(section, "words", ()))
+
+    def service_address(self, source: str) -> str:
+        """The address of the service that a source is read from; "" where its section, which is
+        missing, would say it.
+        """
+        origin, section = SOURCES[source].origin, getattr(self, source)
+        if section is None:
+            return "" if "{" in origin else origin
+        return origin.format_map(section.model_dump())
+
     @property
     def is_shipped(self) -> bool:
         """Whether it is one of those that come with the package."""
@@ -93,18 +122,26 @@ class ShippedProfile(Section):
         return self.path.parent / name
 
 
+def _section_of(source: SourceDeclaration) -> type[SourceSection]:
+    """The class in the module `section` of a source's package. Raises SettingError."""
+    module = import_module(f"{source.module}.section")
+    for section in vars(module).values():
+        if isinstance(section, type) and getattr(section, "table", "") == source.name:
+            return cast("type[SourceSection]", section)
+    raise SettingError(
+        f"{module.__file__} has no SourceSection with table = {source.name!r}",
+        hint="a source's package declares its settings there",
+    )
+
+
 if TYPE_CHECKING:
-    Profile = ShippedProfile
-else:  # with the sections of further sources
+    Profile = SharedProfile
+else:
     Profile = create_model(
         "Profile",
-        __base__=ShippedProfile,
+        __base__=SharedProfile,
         __module__=__name__,
-        **{
-            name: (section | None, None)
-            for name, source in SOURCES.items()
-            if (section := source.section()) is not None
-        },
+        **{name: (_section_of(source) | None, None) for name, source in SOURCES.items()},
     )
 
 

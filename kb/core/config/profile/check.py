@@ -10,39 +10,31 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import urlsplit
 
 from pydantic import ValidationError
 
 from kb.core.config.addresses import is_contact
 from kb.core.config.pipeline import own
 from kb.core.config.profile import Profile, load_profile, shipped_names
-from kb.core.config.profile.base import (
+from kb.core.config.section import (
     ERROR,
     FILL_IN,
     NOTE,
     WARNING,
     Finding,
     Problem,
+    Remark,
     is_everyday,
     is_placeholder,
     lies_beside,
     problems,
     read_text,
+    repeated_remarks,
 )
 from kb.core.errors import ProfileError
 from kb.core.installation import folder
 from kb.core.licences import KNOWN
 from kb.core.sources import SOURCES, made_of
-
-Remark = tuple[str, str, str, str]  # level, key, what is wrong, how to fix it
-
-# The assignable and the older ids of https://developers.google.com/youtube/v3/docs/videoCategories
-CATEGORIES = frozenset([1, 2, 10, 15, *range(17, 45)])
-_GAME = re.compile(r"UC[\w-]{22}")
-_HOST = re.compile(r"[A-Za-z0-9.-]+(:\d+)?|\[[0-9a-fA-F:]+\](:\d+)?")
-_FULL_NAME = re.compile(r"[^\s.]+(\.[^\s.]+)+\.?|localhost|.*:.*")
-_EXAMPLES = ("example.org", "example.com", "example.net", ".example", ".invalid")
 
 
 class Checked(NamedTuple):
@@ -159,20 +151,11 @@ def _meant(profile: Profile, data: dict[str, Any]) -> Iterator[Remark]:
             what = f"'{name}.pipeline' names {recipe.name}, which is not there"
             fix = "write the recipe next to the profile, or leave the line out"
             yield WARNING, f"{name}.pipeline", what, fix
-    yield from _youtube(profile)
-    yield from _wiki(profile)
-    if profile.reddit:
-        links = profile.reddit.links
-        yield from _hosts("reddit.links.image_hosts", links.image_hosts)
-        yield from _hosts("reddit.links.video_hosts", links.video_hosts)
-        for name in ("image_endings", "video_endings"):
-            for ending in getattr(links, name):
-                if ending != (plain := ending.lower().lstrip(".")):
-                    key = f"reddit.links.{name}"
-                    yield WARNING, key, f"'{key}' contains \"{ending}\"", f'write it as "{plain}"'
-        yield from _twice("reddit.search", profile.reddit.search)
+    for name in SOURCES:
+        if (section := getattr(profile, name)) is not None:
+            yield from section.remarks()
     if profile.pairs:
-        yield from _twice("pairs.include", profile.pairs.include)
+        yield from repeated_remarks("pairs.include", profile.pairs.include)
         for word in filter(is_everyday, profile.pairs.include):
             fix = "put it into a keyword list, with the rule near, never or always"
             what = f"'pairs.include' contains the everyday word \"{word}\""
@@ -254,89 +237,15 @@ def _own_name(profile: Profile) -> Iterator[Remark]:
 def _subjects(one: Profile, other: Profile) -> Iterator[tuple[str, Any, Any]]:
     """What a domain is about, where both profiles say it."""
     yield "title", one.title, other.title
-    if one.youtube and other.youtube:
-        yield "youtube.keywords", one.youtube.keywords, other.youtube.keywords
-    if one.wiki and other.wiki:
-        yield "wiki.url", one.wiki.url, other.wiki.url
-    if one.reddit and other.reddit:
-        yield "reddit.subreddit", one.reddit.subreddit.lower(), other.reddit.subreddit.lower()
+    for name in SOURCES:
+        mine, theirs = getattr(one, name), getattr(other, name)
+        if mine is not None and theirs is not None and mine.subject:
+            about = (getattr(section, mine.subject) for section in (mine, theirs))
+            yield f"{name}.{mine.subject}", *(_folded(value) for value in about)
 
 
-def _youtube(profile: Profile) -> Iterator[Remark]:
-    section = profile.youtube
-    if not section:
-        return
-    yield from _twice("youtube.keywords", section.keywords)
-    yield from _twice("youtube.topic_keywords", section.topic_keywords)
-    key = "youtube.topic_keywords" if section.topic_keywords else "youtube.keywords"
-    for word in filter(is_everyday, dict.fromkeys(section.words)):
-        fix = (
-            "every video of the categories with it counts as on topic;"
-            " name what only your domain says in youtube.topic_keywords"
-        )
-        yield WARNING, key, f"'{key}' contains the everyday word \"{word}\"", fix
-    for number in section.category_ids:
-        if number not in CATEGORIES:
-            what = f"'youtube.category_ids' contains {number}, which is not a YouTube category"
-            fix = "such as 20 Gaming, 26 Howto, 28 Science"
-            yield WARNING, "youtube.category_ids", what, fix
-    for game in section.game_ids:
-        if not _GAME.fullmatch(game):
-            what = f"'youtube.game_ids' contains \"{game}\", which is not a browse id"
-            yield WARNING, "youtube.game_ids", what, "it begins with UC and has 24 characters"
-    if section.max_age_days > 30:
-        what = f"'youtube.max_age_days' is {section.max_age_days}"
-        fix = "the API's terms ask to read data again, or remove it, after 30 days"
-        yield WARNING, "youtube.max_age_days", what, fix
-    if section.min_aspect_ratio > 1.78:
-        what = f"'youtube.min_aspect_ratio' is {section.min_aspect_ratio:g}"
-        yield (
-            WARNING,
-            "youtube.min_aspect_ratio",
-            what,
-            "wide-screen is 1.78: hardly any video passes",
-        )
-
-
-def _wiki(profile: Profile) -> Iterator[Remark]:
-    wiki = profile.wiki
-    if not wiki:
-        return
-    parts = urlsplit(wiki.url)
-    host, root = parts.hostname or "", f"{parts.scheme}://{parts.netloc}"
-    if not _FULL_NAME.fullmatch(host):
-        what = f"'wiki.url' is \"{wiki.url}\", whose host is not a full name"
-        yield ERROR, "wiki.url", what, "write an address like https://minecraft.wiki"
-    elif host.endswith(_EXAMPLES):
-        yield WARNING, "wiki.url", f"'wiki.url' is the example {wiki.url}", "write your wiki's"
-    if parts.path.endswith(".php"):
-        what = f"'wiki.url' is \"{wiki.url}\", which is not the wiki's root"
-        yield ERROR, "wiki.url", what, f'write "{root}"'
-    elif re.match(r"/(w|wiki)/.", parts.path):
-        what = f"'wiki.url' is \"{wiki.url}\", which looks like a page"
-        yield WARNING, "wiki.url", what, f'the root may be "{root}"'
-    yield from _hosts("wiki.hosts", wiki.hosts)
-    if wiki.max_page_height < wiki.viewport_height:
-        what = f"'wiki.max_page_height' is {wiki.max_page_height}: nothing passes"
-        fix = f"a page is at least as high as the window, {wiki.viewport_height} CSS px"
-        yield ERROR, "wiki.max_page_height", what, fix
-    if wiki.page_seconds <= wiki.settle_seconds:
-        what = f"'wiki.page_seconds' is {wiki.page_seconds:g}"
-        fix = f"write more than settle_seconds ({wiki.settle_seconds:g}): moving pages need it"
-        yield WARNING, "wiki.page_seconds", what, fix
-
-
-def _hosts(key: str, hosts: tuple[str, ...]) -> Iterator[Remark]:
-    for host in hosts:
-        if not _HOST.fullmatch(host):
-            what = f"'{key}' contains \"{host}\", which is not a host name"
-            yield ERROR, key, what, "write a name such as images.example.org"
-
-
-def _twice(key: str, words: tuple[str, ...]) -> Iterator[Remark]:
-    for word, times in Counter(word.lower() for word in words).items():
-        if times > 1:
-            yield WARNING, key, f"'{key}' contains \"{word}\" twice", "remove one of them"
+def _folded(value: Any) -> Any:
+    return value.casefold() if isinstance(value, str) else value
 
 
 # -- on which line of a TOML text a key stands; tomllib does not say -----------------------------

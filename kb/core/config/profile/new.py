@@ -18,23 +18,26 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from kb.core.config.profile import Profile
-from kb.core.config.profile.base import FILL_IN, model_in
+from kb.core.config.section import FILL_IN, model_in, sources_first
+from kb.core.sources import SOURCES
 
 _WIDTH = 98
 # What only the owner of a release can say of it.
 OWNERS = ("release.licenses", "release.creators", "release.contact")
-_CATEGORIES = (
-    "1 Film, 2 Autos, 10 Music, 15 Pets, 17 Sports, 19 Travel, 20 Gaming, 22 People, 23 Comedy,"
-    " 24 Entertainment, 25 News, 26 Howto & Style, 27 Education, 28 Science & Technology"
-)
-# What stands first, with what to say of it. Of a source that is not collected, the line goes.
-_FIRST = {
-    "title": "The domain's name for people, as cards and reports bear it.",
-    "youtube.keywords": "Searches that find channels: the domain's name, alone and with Guide …",
-    "youtube.category_ids": f"YouTube categories of the domain: {_CATEGORIES}.",
-    "wiki.url": "The root of the domain's MediaWiki, with https:// in front.",
-    "reddit.subreddit": "The subreddit, without r/.",
-    "pairs.keyword_files": "Words that are matched in transcripts, in the file beside this one.",
+_SECTIONS = {name: model_in(Profile.model_fields[name].annotation) for name in SOURCES}
+# What stands first: what to say of it, and its value. Of a source that is not collected, the line
+# goes.
+_FIRST: dict[str, tuple[str, Any]] = {
+    "title": ("The domain's name for people, as cards and reports bear it.", "{title}"),
+    **{
+        f"{name}.{key}": first
+        for name, section in _SECTIONS.items()
+        for key, first in getattr(section, "first", {}).items()
+    },
+    "pairs.keyword_files": (
+        "Words that are matched in transcripts, in the file beside this one.",
+        ["keywords.tsv"],
+    ),
 }
 _HEAD = """\
 # The profile of {title}: everything that Lorecrawl knows about the domain.
@@ -73,17 +76,17 @@ keyword\tkind\trule\tforms
 """
 
 
+_NONE: Mapping[str, Any] = {}
+
+
 def profile_text(
     name: str,
     *,
-    wiki: str | None = None,
-    subreddit: str | None = None,
+    values: Mapping[str, Any] = _NONE,
     source: Profile | None = None,
-    release: Mapping[str, Any] | None = None,
 ) -> str:
-    """The text of a profile.toml named `name`. `wiki`, `subreddit` and the keys of `release` win
-    over the source's. Who releases the data, and under which licence, is copied from no shipped
-    profile.
+    """The text of a profile.toml named `name`. `values`, by full names of keys, win over the
+    source's. Who releases the data, and under which licence, is copied from no shipped profile.
     """
     if source:
         title, known = source.title, dict(_values("", source))
@@ -91,33 +94,28 @@ def profile_text(
             known = {key: value for key, value in known.items() if key not in OWNERS}
     else:
         title = " ".join(part.capitalize() for part in re.split("[-_]+", name))
-        known = {
-            "title": title,
-            "youtube.keywords": [title],
-            "youtube.category_ids": [FILL_IN],
-            "wiki.url": FILL_IN,
-            "reddit.subreddit": FILL_IN,
-            "pairs.keyword_files": ["keywords.tsv"],
-        }
-    known |= {"name": name} | (release or {})
-    if wiki is not None:
-        known["wiki.url"] = wiki
-    if subreddit is not None:
-        known["reddit.subreddit"] = subreddit
+        known = {key: _filled(value, title) for key, (_, value) in _FIRST.items()}
+    known |= {**values, "name": name}
     marked = _MARKED if FILL_IN in json.dumps(list(known.values()), default=str) else ""
     parts = [_HEAD.format(title=title, marked=marked), f"name = {_toml(name)}\n"]
-    for key, about in _FIRST.items():
+    for key, (about, _) in _FIRST.items():
         if key in known:
             parts.append(f"\n{_comment(about)}{key} = {_toml(known[key])}\n")
         elif key != "pairs.keyword_files":
             parts.append(f"\n{_comment(about)}#{key} = {_toml(FILL_IN)}\n")
     parts.append("\n# ---- Random choices\n" + "".join(_keys("", Profile, known)))
-    for section, field in Profile.model_fields.items():
-        inner = model_in(field.annotation)
+    for section in sources_first(Profile.model_fields):
+        inner = model_in(Profile.model_fields[section].annotation)
         if inner is not None:
             head = _comment(f"---- {getattr(inner, 'about', section)}")
             parts.append(f"\n{head}" + "".join(_keys(section, inner, known)))
     return "".join(parts)
+
+
+def _filled(value: Any, title: str) -> Any:
+    if isinstance(value, list):
+        return [_filled(entry, title) for entry in value]
+    return value.replace("{title}", title) if isinstance(value, str) else value
 
 
 def _values(prefix: str, section: BaseModel) -> Iterator[tuple[str, Any]]:

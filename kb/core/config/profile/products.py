@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from kb.core.config.profile.base import Phrases, RecipeSection, Section, lies_beside
+from kb.core.config.section import Phrases, RecipeSection, Section, lies_beside
 
 _Words = Annotated[str, Field(min_length=1)]
 

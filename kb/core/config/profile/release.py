@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from pydantic import Field, field_validator
 
-from kb.core.config.profile.base import Section
+from kb.core.config.section import Section
 from kb.core.sources import BY_DEFAULT, PUBLISHED, SOURCES
 
 

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.core.config.profile.base import ERROR
 from kb.core.config.profile.check import check_file
 from kb.core.config.profile.new import KEYWORDS, profile_text
+from kb.core.config.section import ERROR
 from kb.core.installation import folder
 from kb.pairs.keywords import NEVER, Keyword, read
 from tests.cli.commands.profile.conftest import (

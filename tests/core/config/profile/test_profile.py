@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.core.config.profile.base import ERROR, is_everyday
 from kb.core.config.profile.check import check_file
+from kb.core.config.section import ERROR, is_everyday
 from kb.core.errors import ProfileError
 
 

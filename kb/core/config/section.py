@@ -4,7 +4,8 @@ import difflib
 import re
 import types
 import typing
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -21,6 +22,7 @@ from pydantic.fields import FieldInfo
 
 from kb.core import terminal
 from kb.core.regular_file import read_regular
+from kb.core.sources import SOURCES
 
 # What `kb profile new` writes where only the user knows the value.
 FILL_IN = "FILL-IN"
@@ -65,6 +67,34 @@ class RecipeSection(Section):
         return value
 
 
+Remark = tuple[str, str, str, str]
+"""Level, key, what is wrong, how to fix it."""
+
+
+class SourceSection(RecipeSection):
+    """The section of a source, in the module `section` of its package.
+
+    `subject` is the key that says what the domain is about. `first` are the keys that stand first
+    in a new profile: what to say of each, and its value there, in which {title} is the domain's
+    name. A language of its texts is the field `language`, the words that show the topic a property
+    `words`, and `max_age_days` the days after which the service's terms ask to read again.
+    """
+
+    subject: ClassVar[str] = ""
+    first: ClassVar[Mapping[str, tuple[str, Any]]] = {}
+    set_elsewhere: ClassVar[bool] = False
+
+    def other_service(self, noted: Mapping[str, str]) -> str:
+        """In words the service that data were read from, as a data root notes it, where it is
+        another than this section names. `set_elsewhere`: a setting may have named it.
+        """
+        return ""
+
+    def remarks(self) -> Iterator[Remark]:
+        """What the types allow and is probably not meant."""
+        return iter(())
+
+
 def _without_empty(value: tuple[str, ...]) -> tuple[str, ...]:
     if not all(phrase.strip() for phrase in value):
         raise ValueError("contains an empty phrase")
@@ -78,6 +108,24 @@ ERROR = "error"  # the profile can't be used as it is
 WARNING = "warning"  # it can be used, but probably does not do what was meant
 NOTE = "note"  # good to know
 LEVELS = (ERROR, WARNING, NOTE)
+
+
+_HOST_NAME = re.compile(r"[A-Za-z0-9.-]+(:\d+)?|\[[0-9a-fA-F:]+\](:\d+)?")
+
+
+def host_remarks(key: str, hosts: tuple[str, ...]) -> Iterator[Remark]:
+    """What in a list is no name of a host."""
+    for host in hosts:
+        if not _HOST_NAME.fullmatch(host):
+            what = f"'{key}' contains \"{host}\", which is not a host name"
+            yield ERROR, key, what, "write a name such as images.example.org"
+
+
+def repeated_remarks(key: str, words: tuple[str, ...]) -> Iterator[Remark]:
+    """What stands in a list twice."""
+    for word, times in Counter(word.lower() for word in words).items():
+        if times > 1:
+            yield WARNING, key, f"'{key}' contains \"{word}\" twice", "remove one of them"
 
 
 class Finding(NamedTuple):
@@ -184,6 +232,11 @@ def full_key(parts: Iterable[int | str]) -> str:
         elif part != key:  # `toxicity = "of"` is no toxicity.toxicity
             key += f".{part}" if key else part
     return key
+
+
+def sources_first(names: Iterable[str]) -> list[str]:
+    """Keys of a profile as people read them: the sections of sources before the others."""
+    return sorted(names, key=lambda name: name not in SOURCES)
 
 
 def field_of(model: type[BaseModel], parts: Any) -> FieldInfo | None:

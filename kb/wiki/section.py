@@ -1,94 +1,23 @@
-"""[youtube], [wiki], [reddit]: what is collected from each source, and which items are kept."""
+"""[wiki]: how pages are shown and measured, which are kept."""
 
 import re
-from typing import Literal, get_args
+from collections.abc import Iterator, Mapping
+from urllib.parse import urlsplit
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from kb.core.config.addresses import root_of
-from kb.core.config.profile.base import Phrases, RecipeSection, Section
+from kb.core.config.section import (
+    ERROR,
+    FILL_IN,
+    WARNING,
+    Remark,
+    Section,
+    SourceSection,
+    host_remarks,
+)
 
-# What decided the topic of videos that are known to be about it: YouTube's label, or the profile,
-# which takes imported videos as meant. `keywords` only make it likely.
-BY_LABEL, BY_PROFILE, BY_KEYWORDS = "game_label", "profile", "keywords"
-# Who may see a video or playlist where that is not everybody, in the words of YouTube's API and of
-# yt-dlp. The id of an unlisted one is its only lock, so it must not be given away.
-NOT_PUBLIC = ("private", "unlisted", "needs_auth", "premium_only", "subscriber_only")
-STILL_S = 0.5  # how long nothing of a wiki's page may load or move before it is captured
-TOPIC_KNOWN = (BY_LABEL, BY_PROFILE)
-
-
-class YouTubeSection(RecipeSection):
-    """The YouTube part of a profile (MineDojo paper, data collection appendix: YouTube)."""
-
-    table = "youtube"
-    about = "YouTube: which channels are searched, which videos are kept"
-
-    keywords: Phrases = Field(min_length=1, description="searches that find channels")
-    topic_keywords: Phrases = Field(
-        (),
-        description="whole words that indicate the topic without a label; default: keywords",
-    )
-    game_ids: tuple[str, ...] = Field(
-        (), description="browse ids of the topic's label on watch pages, if YouTube has one"
-    )
-    category_ids: tuple[int, ...] = Field(
-        min_length=1, description="YouTube categories of the topic (20 is Gaming)"
-    )
-    imported_topic: Literal["label", "known"] = Field(
-        "label",
-        description="whether videos of imported files are judged as others are, by label or"
-        " category and keywords, or are known to be about the topic",
-    )
-    search_pages: int = Field(
-        10,
-        ge=1,
-        le=10,
-        description="result pages of 50 channels per keyword; the API returns about 500 at most",
-    )
-    uploads: Literal["all", "no_shorts"] = Field(
-        "all", description="list every upload, or skip Shorts"
-    )
-    min_views: int = Field(
-        100, ge=0, le=20_000_000_000, description="minimum views of a kept video"
-    )
-    min_aspect_ratio: float = Field(
-        1.0, ge=0, le=10, description="minimum aspect ratio (width / height) of a video"
-    )
-    min_duration_s: float = Field(
-        60, ge=0, le=43_200, description="minimum duration of a video, in seconds"
-    )
-    transcripts: Literal["required", "optional"] = Field(
-        "required", description="whether a video without transcript is kept"
-    )
-    language: str = Field(
-        "en", pattern=r"^[a-z]{2,3}$", description="language of the transcripts", examples=["en"]
-    )
-    translate: bool = Field(
-        True, description="use YouTube's translation if there is no transcript in the language"
-    )
-    own_transcripts: Literal["fill", "prefer", "ignore"] = Field(
-        "fill",
-        description="transcripts of your own speech recognition: used where YouTube has none, used"
-        " before YouTube's, or not used",
-    )
-    transcripts_per_hour: float = Field(
-        300, gt=0, description="maximum videos per hour from the public site"
-    )
-    max_age_days: int = Field(
-        30, ge=1, description="API data older than this is re-read by `kb refresh youtube`"
-    )
-    max_tries: int = Field(
-        5, ge=1, le=20, description="attempts per request before its item counts as failed"
-    )
-    units_per_day: int = Field(10_000, ge=1, description="quota of the general bucket, in units")
-    searches_per_day: int = Field(100, ge=1, description="quota of the search bucket, in searches")
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """Whole words or phrases that show the topic."""
-        return self.topic_keywords or self.keywords
-
+STILL_S = 0.5  # how long nothing of a page may load or move before it is captured
 
 _REGIONS = {
     "infobox": ".infobox, .portable-infobox, .notaninfobox, [class^='infobox']",
@@ -221,11 +150,18 @@ class Markup(Section):
         return value
 
 
-class WikiSection(RecipeSection):
+_FULL_NAME = re.compile(r"[^\s.]+(\.[^\s.]+)+\.?|localhost|.*:.*")
+_EXAMPLES = ("example.org", "example.com", "example.net", ".example", ".invalid")
+
+
+class WikiSection(SourceSection):
     """The wiki part of a profile (MineDojo paper, data collection appendix: Wiki)."""
 
     table = "wiki"
     about = "Wiki: how its pages are shown and measured, which are kept"
+    subject = "url"
+    set_elsewhere = True  # KB_WIKI_ROOT
+    first = {"url": ("The root of the domain's MediaWiki, with https:// in front.", FILL_IN)}
 
     url: str = Field(description="the wiki's root; its API is found from the page's EditURI link")
     hosts: tuple[str, ...] = Field(
@@ -279,6 +215,35 @@ class WikiSection(RecipeSection):
     @classmethod
     def _address(cls, value: str) -> str:
         return root_of(value, "https://minecraft.wiki")
+
+    def other_service(self, noted: Mapping[str, str]) -> str:
+        wiki = noted.get("wiki", "")
+        known = ("", urlsplit(self.url).hostname, "127.0.0.1", "localhost")
+        return "" if wiki.split("/")[0] in known else f"wiki {wiki}"
+
+    def remarks(self) -> Iterator[Remark]:
+        parts = urlsplit(self.url)
+        host, root = parts.hostname or "", f"{parts.scheme}://{parts.netloc}"
+        if not _FULL_NAME.fullmatch(host):
+            what = f"'wiki.url' is \"{self.url}\", whose host is not a full name"
+            yield ERROR, "wiki.url", what, "write an address like https://minecraft.wiki"
+        elif host.endswith(_EXAMPLES):
+            yield WARNING, "wiki.url", f"'wiki.url' is the example {self.url}", "write your wiki's"
+        if parts.path.endswith(".php"):
+            what = f"'wiki.url' is \"{self.url}\", which is not the wiki's root"
+            yield ERROR, "wiki.url", what, f'write "{root}"'
+        elif re.match(r"/(w|wiki)/.", parts.path):
+            what = f"'wiki.url' is \"{self.url}\", which looks like a page"
+            yield WARNING, "wiki.url", what, f'the root may be "{root}"'
+        yield from host_remarks("wiki.hosts", self.hosts)
+        if self.max_page_height < self.viewport_height:
+            what = f"'wiki.max_page_height' is {self.max_page_height}: nothing passes"
+            fix = f"a page is at least as high as the window, {self.viewport_height} CSS px"
+            yield ERROR, "wiki.max_page_height", what, fix
+        if self.page_seconds <= self.settle_seconds:
+            what = f"'wiki.page_seconds' is {self.page_seconds:g}"
+            fix = f"write more than settle_seconds ({self.settle_seconds:g}): moving pages need it"
+            yield WARNING, "wiki.page_seconds", what, fix
 
     @property
     def rules(self) -> dict[str, object]:
@@ -360,64 +325,3 @@ def _closed(text: str, place: int) -> int | None:
         if not depth:
             return place
     return None
-
-
-Listing = Literal["new", "top", "controversial", "hot", "rising"]
-Span = Literal["all", "year", "month", "week", "day", "hour"]
-
-
-class Links(Section):
-    """How the address of a link post tells what it shows. Endings decide first, then hosts.
-
-    A host counts with its subdomains `www`, `m`, `old`, `new` and `i`. `video_paths` are sites
-    where only some pages are videos: the path starts with one of these.
-    """
-
-    image_endings: tuple[str, ...] = Field(
-        ("jpg", "jpeg", "png", "gif", "webp", "bmp"), description="file endings of images"
-    )
-    video_endings: tuple[str, ...] = Field(
-        ("gifv", "mp4", "webm", "mov"), description="file endings of videos"
-    )
-    image_hosts: tuple[str, ...] = Field(
-        ("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com"),
-        description="image hosts",
-    )
-    video_hosts: tuple[str, ...] = Field(
-        ("v.redd.it", "streamable.com", "gfycat.com"), description="video hosts"
-    )
-    video_paths: dict[str, tuple[str, ...]] = Field(
-        default_factory=dict, description="path prefixes of videos, by host"
-    )
-
-
-class RedditSection(RecipeSection):
-    """The Reddit part of a profile (MineDojo paper, data collection appendix: Reddit)."""
-
-    table = "reddit"
-    about = "Reddit: which posts are kept, what their links show"
-
-    subreddit: str = Field(
-        # reddit.com is the subreddit of everything that was posted in 2005
-        pattern=r"^([A-Za-z0-9_]{2,21}|[Rr]eddit\.com)$",
-        description="name without r/",
-        examples=["Minecraft"],
-    )
-    search: tuple[str, ...] = Field(
-        (), description="search terms in the subreddit, besides its listings"
-    )
-    listings: tuple[Listing, ...] = Field(get_args(Listing), description="listings to read")
-    spans: tuple[Span, ...] = Field(
-        get_args(Span), description="time spans of top and controversial"
-    )
-    min_score: int = Field(5, le=1_000_000, description="minimum score of a kept post")
-    links: Links = Links()
-    max_age_days: int = Field(
-        30, ge=1, description="live figures older than this are re-read by `kb refresh reddit`"
-    )
-    requests_per_minute: float = Field(
-        100, gt=0, description="maximum requests per minute to the public service"
-    )
-    max_tries: int = Field(
-        5, ge=1, le=20, description="attempts per request before its items count as failed"
-    )

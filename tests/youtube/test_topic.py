@@ -6,7 +6,7 @@ import pyarrow as pa
 import pytest
 
 from kb.filters.predicates import AtLeast
-from kb.filters.topic import Topic, whole_words
+from kb.youtube.topic import Topic, whole_words
 from tests.filters.test_predicates import PROBLEMS, bad
 
 

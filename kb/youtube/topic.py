@@ -16,7 +16,6 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config.profile.collecting import BY_KEYWORDS, BY_LABEL, BY_PROFILE, YouTubeSection
 from kb.core.installation import np
 from kb.filters.predicates import (
     PUBLIC,
@@ -29,7 +28,9 @@ from kb.filters.predicates import (
     rows_passing,
     text,
 )
+from kb.schema.video_facts import BY_KEYWORDS, BY_LABEL, BY_PROFILE
 from kb.store.tables.columns import column
+from kb.youtube.section import YouTubeSection
 
 _EDGE = r"[^\pL\pN_]"
 

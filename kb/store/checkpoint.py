@@ -138,6 +138,16 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
     return Checkpoint(path, name or path.stem, digest)
 
 
+def installed(settings: Settings) -> str:
+    """The key of the model that would score texts now; "" where none is installed."""
+    try:
+        need_extra()
+        checkpoint = find_checkpoint(settings)
+    except (MissingExtra, MissingModel):
+        return ""
+    return f"{checkpoint.model}@{checkpoint.revision}"
+
+
 def _made_by_sandbox(path: Path) -> bool:
     """Whether the sandbox made it, whatever it is called; seen without unpickling anything."""
     try:
