@@ -1,0 +1,99 @@
+"""The blocks of docs/own-files.md, one after another, on the files of somebody who plays chess."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from tests import processes
+from tests.conftest import ROOT
+from tests.installed import outside
+from tests.youtube.ytdlp.folder import info, spoken, video_id, vtt
+
+TEXT = (ROOT / "docs" / "own-files.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```bash\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+SPEECH = (
+    "welcome back today white opens with e four and black answers with the sicilian defense",
+    "the knight goes to f three and then there is a fork of king and rook in this sicilian",
+    "in the endgame the extra pawn decides and that is why the sicilian is so sharp",
+    "thank you for watching and see you in the next game of this long and quiet match",
+)
+
+
+def files_of_a_player(place: Path) -> None:
+    """A folder of yt-dlp with eight videos of two channels, and a dump of a thread."""
+    videos = place / "videos"
+    videos.mkdir()
+    for number in range(8):
+        key = video_id(number)
+        about = info(
+            key, title=f"Sicilian game {number}", channel_id=f"UC{number % 2:022d}", tags=["chess"]
+        )
+        (videos / f"{key}.info.json").write_text(json.dumps(about))
+        order = SPEECH[number % 4 :] + SPEECH[: number % 4]
+        (videos / f"{key}.en.vtt").write_text(vtt(spoken(*order), automatic=True))
+    post = {
+        "id": "abc1",
+        "subreddit": "chess",
+        "author": "Rook-lift",
+        "title": "Which line of the Sicilian defence?",
+        "selftext": "Against e4 I always play the Sicilian defence.",
+        "created_utc": 1_700_000_000,
+        "score": 12,
+        "num_comments": 1,
+        "url": "https://www.reddit.com/r/chess/comments/abc1/",
+        "is_self": True,
+    }
+    comment = {
+        "id": "def1",
+        "subreddit": "chess",
+        "author": "Bishop-pair",
+        "body": "Try the closed lines first.",
+        "link_id": "t3_abc1",
+        "parent_id": "t3_abc1",
+        "created_utc": 1_700_000_900,
+        "score": 4,
+    }
+    (place / "dumps").mkdir()
+    lines = "".join(json.dumps(line) + "\n" for line in (post, comment))
+    (place / "dumps" / "chess.jsonl").write_text(lines)
+
+
+def test_own_files_become_pairs_a_search_and_a_draw(tmp_path: Path) -> None:
+    """Without network: the process has no address to send to but loopback's."""
+    files_of_a_player(tmp_path)
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    (tools / "kb").write_text(f'#!/bin/bash\nexec "{sys.executable}" -m kb "$@"\n')
+    (tools / "kb").chmod(0o755)
+    first, *rest = BLOCKS
+    assert first.splitlines()[-1] == ". .venv/bin/activate"  # tests/package/test_setup.py
+    unreachable = {name: "http://127.0.0.1:9" for name in ("http_proxy", "https_proxy")}
+    done = subprocess.run(
+        ["bash", "-e", "-c", "".join(rest)],
+        cwd=tmp_path,
+        env={
+            **outside(),
+            **unreachable,
+            "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
+            "PYTHONPATH": str(ROOT),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
+        timeout=processes.DEADLINE_S if hasattr(processes, "DEADLINE_S") else 200,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    out = done.stdout
+    assert "profile check: 0 errors" in out
+    assert re.search(r"^Sicilian Defence +\d+ +8$", out, re.MULTILINE)
+    assert "reddit.com/r/chess/comments/abc1" in out
+    assert "youtu" in out
+    drawn = (tmp_path / "draw" / "videos.txt").read_text().split()
+    assert 1 <= len(drawn) <= 3
+    release = tmp_path / "data" / "chess" / "release"
+    assert (release / "pairs" / "README.md").is_file()
+    assert "Doe, Jane" in (release / "pairs" / "CITATION.cff").read_text()
