@@ -44,7 +44,7 @@ def purge(
         counts = {"rows": sum(line.count for line in removed), "scores": scores, **purge.counts}
         about = {"command": f"purge {source}", "source": source}
         summary = Summary({**about, **purge.summary(), **counts})
-        steps.finish(run.root, source)
+        steps.finish(purge)
         if purge.damage is not None:
             purge.damage.summary = summary
             raise purge.damage

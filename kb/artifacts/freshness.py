@@ -203,12 +203,16 @@ def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
     made = manifest.read(run.root, RELEASE)
     if made is None:
         return [NEVER_MADE]
-    names = [name for name in PUBLISHED if ARTIFACTS[f"release/{name}"].manifest(run.root).exists()]
-    why = []
-    for name in names:
-        folder = f"release/{name}"
-        if folder in stale or made.inputs.get(folder) != _described_input(run.root, name):
-            why.append(folder)
+    folders = {f"release/{name}": name for name in PUBLISHED}
+    why = [
+        folder
+        for folder, name in folders.items()
+        if folder in stale  # one that was never made too
+        or (
+            ARTIFACTS[folder].manifest(run.root).exists()
+            and made.inputs.get(folder) != _described_input(run.root, name)
+        )
+    ]
     return [*why, *_unrecorded(made), *changes(made, _release_settings(run))]
 
 
@@ -268,9 +272,7 @@ def graph(run: Run, asked: Sequence[str] = ()) -> list[str]:
             or (kind == "export" and rest.partition("/")[0] in asked)
         ):
             wanted.add(name)
-    for name in reversed(every):
-        if name in wanted:
-            wanted |= set(ARTIFACTS[name].inputs)
+    wanted = wanted.union(*map(lineage, wanted))
     return [name for name in every if name in wanted]
 
 
@@ -328,13 +330,9 @@ def stale(run: Run, *names: str) -> Reasons:
     """
     if Catalog(run.root.absolute()).is_download:
         return {}
-    wanted = set(names)
-    every = [name for name in _made_again() if _is_possible(run, name)]
-    for name in reversed(every):
-        if name in wanted:
-            wanted |= set(ARTIFACTS[name].inputs)
-    there = [one for one in every if one in wanted and manifest.read(run.root, one) is not None]
-    return plan(run, there)
+    wanted = set().union(*map(lineage, names))
+    every = [name for name in _made_again() if name in wanted and _is_possible(run, name)]
+    return plan(run, [name for name in every if manifest.read(run.root, name) is not None])
 
 
 def steps(outdated: Reasons) -> list[dict[str, Any]]:

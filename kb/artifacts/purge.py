@@ -2,8 +2,9 @@
 
     find        what the user named, and what its service no longer shows
     begin       the note of the purge in state/, and tombstones, so that nothing comes back
+    scan        the raw answers that have a key, in one pass that changes nothing
     derived     everything that is made of the source goes at once, as a whole
-    answers     raw answers, and what else a source stores of a key
+    answers     the raw answers without the keys
     kept        rows of what can't be made again: restored rows, labels
     state       items of the frontier
     finish      the state is compacted and the note is removed
@@ -17,22 +18,24 @@ in their `PurgeRules`.
 from __future__ import annotations
 
 import shutil
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
 from kb.artifacts import index, manifest, purge_raw
 from kb.artifacts.freshness import sources_of
 from kb.artifacts.manifest import Manifest
-from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, in_answers, warn
-from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absent, unseen
+from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, warn
+from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absent
 from kb.artifacts.purge_raw import AnswerRules, Matcher, Names
 from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
+from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.summary import Summary
@@ -70,8 +73,8 @@ class PurgeNote(msgspec.Struct, forbid_unknown_fields=True):
 def by_presence(purge: Purge) -> dict[str, str]:
     """Each key that the user named, with NAMED, KNOWN or UNKNOWN.
 
-    A key is in the data root when the state, a table or a raw answer has it; the raw answers are
-    read for those that are neither in the state nor in a table. A damaged table may hold any key.
+    A key is in the data root when the state, a table or a raw answer has it; `scan` looks for
+    UNKNOWN ones in the answers. A damaged table may hold any key.
     """
     keys, rules = purge.listed.keys if purge.listed else [], purge.rules
     before = tombstones.keys(purge.root, rules.source)
@@ -79,9 +82,6 @@ def by_presence(purge: Purge) -> dict[str, str]:
     sought -= {key for kind in rules.items for key in sought if purge.frontier.get(kind, key)}
     try:
         sought -= keys_in_rows(purge.root, (*rules.rows, *released(rules.rows)), sought)
-        if sought:
-            about = (rules.source, sought, rules.answers.texts, rules.strip, purge.scratch)
-            sought -= in_answers(purge.run, *about)
     except DamagedData:
         sought = set()
     return {key: KNOWN if key in before else UNKNOWN if key in sought else NAMED for key in keys}
@@ -130,9 +130,10 @@ class Purge:
 
     `asked` are people to be left out, `keys` what is removed and why, `absent` named ones that the
     data root does not have (KNOWN or UNKNOWN), `names` other names of what is removed, of which
-    `other_names` are those people's, `counts` what else the summary says. `scratch` is a folder for
-    work files; `keys_file` has the keys for worker processes. `damage` says which raw data could
-    not be read: everything that could be read was purged.
+    `other_names` are those people's, `counts` what else the summary says. `note` is what state/
+    keeps of it, `scratch` a folder for work files; `keys_file` has the keys for worker processes.
+    `changes` has the starts of the frames that change, by segment. `damage` says which raw data
+    could not be read: everything that could be read was purged.
     """
 
     run: Run
@@ -142,10 +143,12 @@ class Purge:
     scratch: Path
     dry: bool = False
     asked: PeopleList | None = None
+    note: PurgeNote = field(default_factory=lambda: PurgeNote({}))
     keys: dict[str, str] = field(default_factory=dict)
     absent: dict[str, str] = field(default_factory=dict)
     names: Names = field(default_factory=dict)
     other_names: Names = field(default_factory=dict)
+    changes: dict[Path, list[int]] = field(default_factory=dict)
     repeats: set[str] = field(default_factory=set)
     damage: DamagedData | None = None
     counts: dict[str, int] = field(default_factory=dict)
@@ -163,6 +166,11 @@ class Purge:
         )
 
     @property
+    def all_names(self) -> Names:
+        """What leaves answers: the keys and the other names."""
+        return {**self.names, "": self.keys}
+
+    @property
     def removed(self) -> set[str]:
         """The keys of which the data root has something, or had before an interruption."""
         return {key for key in self.keys if key not in self.absent}
@@ -170,17 +178,37 @@ class Purge:
     def find(self) -> None:
         """Find what is to be removed, with what an interrupted purge left."""
         # What an interrupted purge found out can't be found out again.
-        self.keys = left = unfinished(self.root, self.rules.source).keys
-        theirs: dict[str, str] = {}
-        if self.rules.people is not None:
-            try:
-                theirs = people(self, self.rules.people, self.asked)
-            except DamagedData:  # the table may hold any of it
-                theirs = unseen(self, self.rules.people, self.asked) if self.asked else {}
+        self.note = unfinished(self.root, self.rules.source)
+        self.keys = left = self.note.keys
+        theirs = people(self, self.rules.people, self.asked) if self.rules.people else {}
         self.keys = left | theirs
         found = self.rules.find(self) | theirs | left
         self.absent = {key: why for key, why in found.items() if why in ABSENT}
         self.keys = {key: NAMED if why in ABSENT else why for key, why in found.items()}
+
+    def begin(self) -> None:
+        """Write the note of the purge, then tombstones of its keys."""
+        if self.dry or self.keys:
+            self.note.keys = self.keys | self.absent
+            _write_note(self.keys_file, self.note)
+        if self.keys and not self.dry:
+            tombstones.add(self.root, self.rules.source, self.keys.items())
+        if self.keys:
+            find_names = self.rules.answers.names
+            names = find_names(self) if find_names else {}
+            self.names = {**names, **self.other_names}
+
+    def scan(self) -> None:
+        """Find the answers that change, in worker processes if there are many, then say which
+        entries of the lists name nothing. Changes nothing. Raises Interrupted, DamagedData.
+        """
+        paths = rawlog.all_segments(self.root, self.rules.source) if self.keys else []
+        tasks = ((str(path), self.rules, str(self.keys_file), self.names) for path in paths)
+        scans = list(purge_raw.over_segments(self.run, paths, scan_segment, tasks))
+        self.changes = {path: scan.starts for path, scan in zip(paths, scans, strict=True)}
+        self.repeats = set().union(*(scan.repeats for scan in scans))
+        for key in set().union(*(scan.present for scan in scans)):
+            del self.absent[key]
         say, absent = self.run.progress.say, self.absent
         if self.listed is not None:
             self.counts["bad_lines"] = self.listed.bad_lines
@@ -188,19 +216,6 @@ class Purge:
         if self.rules.people is not None and self.asked is not None:
             away = {k: absent[k] for k in absent if k.startswith(PERSON)}
             say_absent(self.rules.people, self.asked, away, say)
-
-    def begin(self) -> None:
-        """Write the note of the purge, then tombstones of its keys."""
-        if self.dry or self.keys:
-            note = unfinished(self.root, self.rules.source)
-            note.keys = self.keys | self.absent
-            _write_note(self.keys_file, note)
-        if self.keys and not self.dry:
-            tombstones.add(self.root, self.rules.source, self.keys.items())
-        if self.keys:
-            find_names = self.rules.answers.names
-            names = find_names(self) if find_names else {}
-            self.names = {**names, **self.other_names}
 
     def summary(self) -> dict[str, int]:
         """What became of the keys that the user named, how many left with them (`also`), and the
@@ -235,13 +250,13 @@ def _write_note(path: Path, note: PurgeNote) -> None:
     write_bytes(path, msgspec.json.encode(note, order="sorted"))
 
 
-def finish(root: Path, source: str) -> None:
+def finish(purge: Purge) -> None:
     """After the last step: say in manifests what was removed, compact the state and remove the
     note.
 
     Raises WriterLocked and DiskFull.
     """
-    note = unfinished(root, source)
+    root, source, note = purge.root, purge.rules.source, purge.note
     for name, text in note.files.items():
         if not (root / name).exists():
             write_bytes(root / name, text.encode())
@@ -261,62 +276,72 @@ def finish(root: Path, source: str) -> None:
 
 
 def answers(purge: Purge) -> Iterator[PurgeLine]:
-    """Raw answers, segment by segment, in worker processes if there are many.
+    """The raw answers that have a key are written again without, segment by segment.
 
-    Raises Interrupted, DiskFull, DamagedData.
+    Raises Interrupted, DiskFull.
     """
-    source, run, changed = purge.rules.source, purge.run, Counter[str]()
-    paths = rawlog.all_segments(purge.root, source)
-    work = (purge.rules, str(purge.keys_file), purge.names, purge.dry)
-    todo = paths if purge.dry else purge_raw.uncommitted(purge.frontier, paths)
-    tasks = ((str(path), *work) for path in todo)
-    done = purge_raw.over_segments(
-        run, paths, strip_segment, tasks, in_order=purge.rules.answers.in_order
-    )
-    for path, (count, repeats) in zip(paths, done, strict=True):
-        changed[path.parent.name] += count
-        purge.repeats.update(repeats)
-        if not purge.dry:  # the state knows all of a segment that was written again
+    source = purge.rules.source
+    for path, starts in purge.changes.items():
+        if starts and not purge.dry:
+            signals.stop.check()
             place = path.parent.name, rawlog.base_name(path)
+            # A shorter segment than the state knows would count as lost. Killed here, the same
+            # command reads it again.
+            purge.frontier.set_offset(*place, 0)
+            strip = partial(purge.rules.strip, path.parent.name, names=purge.all_names)
+            with partition.without_collecting():
+                purge_raw.rewrite_segment(path, starts, strip)
             purge.frontier.set_offset(*place, path.stat().st_size)
     for kind in rawlog.kinds(purge.root, source):
-        yield PurgeLine(str(BELOW.raw(source, kind)), "answers", changed[kind])
+        changes = (len(n) for path, n in purge.changes.items() if path.parent.name == kind)
+        yield PurgeLine(str(BELOW.raw(source, kind)), "answers", sum(changes))
 
 
-def strip_segment(
-    segment: str, rules: PurgeRules, keys_file: str, names: Names, dry: bool
-) -> tuple[int, list[str]]:
-    """How many answers of a segment change, and the ids that `repeats` yields. Runs in a worker."""
-    others = frozenset[str]().union(*names.values())
-    path, keys, matches = Path(segment), *_keys(keys_file, rules, others, _version(keys_file))
-    repeats: set[str] = set()
+class SegmentScan(NamedTuple):
+    """What a purge finds in a segment: the starts of the frames that change, those of the UNKNOWN
+    keys that they have, and the ids that `repeats` yields.
+    """
+
+    starts: list[int]
+    present: set[str]
+    repeats: set[str]
+
+
+def scan_segment(segment: str, rules: PurgeRules, keys_file: str, names: Names) -> SegmentScan:
+    """What a purge finds in a segment. Runs in a worker. Raises DamagedData."""
+    path, found, sought = Path(segment), SegmentScan([], set(), set()), defaultdict(set)
+    keys, matches = _keys(keys_file, rules, names)
+    for key in (key for key, why in keys.items() if why == UNKNOWN):
+        for text in rules.answers.texts([key]) or ():
+            sought[text].add(key)
 
     def strip(envelope: Envelope) -> Envelope | None:
         if rules.answers.repeats:
-            repeats.update(rules.answers.repeats(envelope, keys))
+            found.repeats.update(rules.answers.repeats(envelope, keys))
         return rules.strip(path.parent.name, envelope, {**names, "": keys})
 
     with partition.without_collecting():
-        changes = purge_raw.changed_frames(path, matches, strip)
-        count = sum(1 for _ in changes) if dry else purge_raw.rewrite_segment(path, changes)
-    return count, sorted(repeats)
+        for start, line, envelope in purge_raw.changed_frames(path, matches, strip):
+            found.starts.append(start)
+            named = (sought[text] for text in matches.texts(line) if text in sought)
+            for key in set().union(*named) - found.present if sought else ():
+                if rules.strip(path.parent.name, envelope, {"": {key}}) is not envelope:
+                    found.present.add(key)
+    return found
 
 
-def _version(keys_file: str) -> tuple[int, int] | None:
-    try:
-        about = Path(keys_file).stat()
-    except FileNotFoundError:  # nothing to remove
-        return None
-    return about.st_mtime_ns, about.st_ino
+def _keys(file: str, rules: PurgeRules, names: Names) -> tuple[dict[str, str], Matcher]:
+    """The keys of a purge with their reasons, and what finds answers that may have a name."""
+    about = Path(file).stat()
+    others = frozenset[str]().union(*names.values())
+    return _read_keys(file, rules, others, (about.st_mtime_ns, about.st_ino))
 
 
 @lru_cache(maxsize=1)
-def _keys(
-    file: str, rules: PurgeRules, others: frozenset[str], version: tuple[int, int] | None
-) -> tuple[frozenset[str], Matcher]:
-    if version is None:
-        return frozenset(), purge_raw.Matcher(())
-    keys = frozenset(msgspec.json.decode(Path(file).read_bytes(), type=PurgeNote).keys)
+def _read_keys(
+    file: str, rules: PurgeRules, others: frozenset[str], _: tuple[int, int]
+) -> tuple[dict[str, str], Matcher]:
+    keys = msgspec.json.decode(Path(file).read_bytes(), type=PurgeNote).keys
     texts = rules.answers.texts(keys) if keys else ()
     return keys, purge_raw.Matcher(texts if texts is None else {*texts, *others})
 
@@ -341,7 +366,8 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
             if not ARTIFACTS[name].tables and name != RELEASE:
                 yield count_files(root, ARTIFACTS[name])
         return
-    note, linked = unfinished(root, rules.source), list[Path]()
+    note, linked = purge.note, list[Path]()
+    note.keys = purge.keys | purge.absent
     for name in names:
         artifact = ARTIFACTS[name]
         made = Manifest(name) if artifact.folder(root).exists() and name != RELEASE else None

@@ -6,15 +6,8 @@ whoever answers a request for removal has to know whether there was anything to 
 
 from __future__ import annotations
 
-import json
-from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
-
-from kb.artifacts.purge_raw import Matcher, Strip, Texts, over_segments
-from kb.core.context import Run
-from kb.store.rawlog import rawlog
 
 NAMED = "named"  # is or was in the data root until this purge
 KNOWN = "known"  # was purged before
@@ -39,46 +32,6 @@ class PurgeList(Protocol):
     @property
     def unread(self) -> Sequence[str]:
         """The first of these entries, as they stand in the list."""
-
-
-def in_answers(
-    run: Run, source: str, keys: Collection[str], texts: Texts, strip: Strip, scratch: Path
-) -> set[str]:
-    """The keys that raw answers of a source have: those that `strip` takes something away for.
-
-    `texts` of which one is in every such answer, None where answers name items by other words;
-    `scratch` is a folder for a work file. Raises Interrupted, DamagedData.
-    """
-    if texts(keys) is None:
-        return set()
-    paths = rawlog.all_segments(run.root, source)
-    scratch.mkdir(parents=True, exist_ok=True)
-    file = scratch / "sought.json"
-    file.write_text(json.dumps(sorted(keys)), encoding="utf-8")
-    work = ((str(path), str(file), texts, strip) for path in paths)
-    try:
-        return set().union(*over_segments(run, paths, _in_segment, work))
-    finally:
-        file.unlink()
-
-
-def _in_segment(segment: str, keys_file: str, texts: Texts, strip: Strip) -> set[str]:
-    """The keys that the answers of a segment have. Runs in a worker."""
-    path = Path(segment)
-    by_text = defaultdict(set)
-    for key in json.loads(Path(keys_file).read_text(encoding="utf-8")):
-        for text in texts([key]) or ():
-            by_text[text].add(key)
-    matches, present = Matcher(by_text), set[str]()
-    for _, line in rawlog.Frames(path, checked=True):
-        if not matches(line):
-            continue
-        sought = set().union(*(by_text[text] for text in matches.texts(line))) - present
-        envelope = rawlog.decode(line)
-        if strip(path.parent.name, envelope, {"": sought}) is not envelope:
-            each = ((key, strip(path.parent.name, envelope, {"": {key}})) for key in sought)
-            present.update(key for key, left in each if left is not envelope)
-    return present
 
 
 def warn(listed: PurgeList, absent: Mapping[str, str], say: Callable[[str], None]) -> None:

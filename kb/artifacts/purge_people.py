@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ import pyarrow.compute as pc
 
 from kb.artifacts.purge_named import KNOWN, NAMED, UNKNOWN
 from kb.artifacts.purge_rows import RowLocation
-from kb.core.errors import SettingError
+from kb.core.errors import DamagedData, SettingError
 from kb.core.regular_file import read_regular
 from kb.store.state import tombstones
 from kb.store.state.tombstones import PERSON
@@ -134,11 +135,6 @@ def people(purge: Purge, rules: PeopleRules, listed: PeopleList | None) -> dict[
     return theirs
 
 
-def unseen(purge: Purge, rules: PeopleRules, listed: PeopleList) -> dict[str, str]:
-    """The keys that stand for the listed people, whose content could not be looked for."""
-    return {PERSON + mark: NAMED for name in listed.names for mark in rules.marks(purge, name)}
-
-
 def say_absent(
     rules: PeopleRules, listed: PeopleList, people: Mapping[str, str], say: Callable[[str], None]
 ) -> None:
@@ -159,10 +155,10 @@ def in_rows(
 ) -> Iterator[Theirs]:
     """What the rows of a table show of people, whose `mark` is made of the value of a column.
 
-    Raises DamagedData.
+    Nobody knows what a damaged file shows.
     """
     for path in location.files(root):
-        with reading([path]), parquet.open_file(path) as file:
+        with suppress(DamagedData), reading([path]), parquet.open_file(path) as file:
             for batch in file.iter_batches(_BATCH, columns=[location.column, column]):
                 values = batch.column(column).cast(pa.string())
                 by_value = {

@@ -12,15 +12,13 @@ from typing import Any
 import msgspec
 from ahocorasick_rs import BytesAhoCorasick, Implementation
 
-from kb.core import signals
 from kb.core.context import Run
-from kb.core.engine import make_executor, make_threads, map_in_order
+from kb.core.engine import make_executor, map_in_order
 from kb.schema import answer_keys as schema
 from kb.store.atomic import followed, writing
 from kb.store.damage import open_file
 from kb.store.rawlog import quarantine, rawlog
-from kb.store.rawlog.rawlog import Envelope, Request
-from kb.store.state.frontier import Frontier
+from kb.store.rawlog.rawlog import Envelope, Request, intact_frames
 
 Names = Mapping[str, Collection[str]]
 """What is removed, by kind of name as `of` in `x-keys` calls it; "" has the keys."""
@@ -110,49 +108,39 @@ class AnswerRules:
     strip: Strip | None = None
     repeats: Callable[[Envelope, Collection[str]], Iterable[str]] | None = None
 
-    @property
-    def in_order(self) -> bool:
-        """Whether segments are written one after another, as `names` reads the last ones again."""
-        return self.names is not None
-
 
 def changed_frames(
     path: Path, matches: Matcher, strip: Callable[[Envelope], Envelope | None]
-) -> Iterator[tuple[int, int, Envelope | None]]:
-    """The frames (start, end) of a segment that change, and what is left of each envelope.
+) -> Iterator[tuple[int, bytes, Envelope]]:
+    """The frames of a segment that change: where each starts, its line and its envelope.
 
     Raises DamagedData after the last readable frame if some could not be read.
     """
     frames = rawlog.Frames(path, checked=True)
-    for end, line in frames:
+    for _, line in frames:
         if matches(line):
             envelope = rawlog.decode(line)
-            left = strip(envelope)
-            if left is not envelope:
-                yield frames.start, end, left
+            if strip(envelope) is not envelope:
+                yield frames.start, line, envelope
 
 
-def rewrite_segment(path: Path, changes: Iterable[tuple[int, int, Envelope | None]]) -> int:
-    """Write a segment again with other envelopes in some frames, or none; how many changed.
+def rewrite_segment(
+    path: Path, starts: Iterable[int], strip: Callable[[Envelope], Envelope | None]
+) -> None:
+    """Write a segment again with what is left of the frames that start there.
 
-    The other frames are copied byte by byte. A segment without changes stays.
+    The other frames are copied byte by byte.
     """
-    engine = rawlog.compressor()
-    frames = [
-        (start, end, b"" if envelope is None else engine.compress(rawlog.encode(envelope)))
-        for start, end, envelope in changes
-    ]
-    if not frames:
-        return 0
+    engine, at = rawlog.compressor(), 0
     path = followed(path)  # what a link leads to would keep the rest
     with writing(path) as temporary, open_file(path) as old, temporary.open("wb") as new:
-        at = 0
-        for start, end, frame in frames:
+        for place in starts:
+            start, end, line = next(intact_frames(old, place))
             quarantine.copy(old, new, at, start)
-            new.write(frame)
+            if (left := strip(rawlog.decode(line))) is not None:
+                new.write(engine.compress(rawlog.encode(left)))
             at = end
         quarantine.copy(old, new, at, path.stat().st_size)
-    return len(frames)
 
 
 def over_segments(
@@ -160,41 +148,13 @@ def over_segments(
     paths: Sequence[Path],
     function: Callable[..., Any],
     tasks: Iterable[tuple[Any, ...]],
-    *,
-    in_order: bool = False,
 ) -> Iterator[Any]:
     """What a function says of each segment, in worker processes if there are many of them.
 
-    `tasks` are its arguments, a tuple a segment, taken one after another with `in_order`. Raises
-    Interrupted.
+    `tasks` are its arguments, a tuple a segment. Raises Interrupted.
     """
     large = sum(path.stat().st_size for path in paths) > _PARALLEL
-    workers = run.workers if large and not in_order else 1
+    workers = run.workers if large else 1
     engine = run.engine if workers > 1 else "local"
     with make_executor(engine, workers, run.scheduler, run.root) as executor:
         yield from map_in_order(executor, function, tasks, window=executor.window)
-
-
-def check_readable(root: Path, source: str, threads: int) -> None:
-    """Read every segment. Raises DamagedData for the first that can't be read in full, except for
-    the torn end of an open one; Interrupted.
-    """
-
-    def read(path: Path) -> None:
-        signals.stop.check()
-        for _ in rawlog.Frames(path, checked=True):
-            pass
-
-    with make_threads(threads) as pool:  # decompressing releases the interpreter lock
-        list(pool.map(read, rawlog.all_segments(root, source)))
-
-
-def uncommitted(frontier: Frontier, paths: Iterable[Path]) -> Iterator[Path]:
-    """The segments. The state forgets each one before it is handed out to be written again.
-
-    A shorter segment than the state knows would count as lost. If the purge is killed before
-    its new size is noted, the segment is read again, which changes nothing.
-    """
-    for path in paths:
-        frontier.set_offset(path.parent.name, rawlog.base_name(path), 0)
-        yield path

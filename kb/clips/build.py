@@ -284,7 +284,7 @@ def _cut_video(
 ) -> list[LeftOut]:
     """Write the clips of a film and note their places; the pairs that have none."""
     times = [frame_times(row["clip_start_s"], row["clip_end_s"], options.frames) for row in rows]
-    reason, what, left = SHORT, "the film ends before the clip", dict(enumerate(rows))
+    reason, what, left = SHORT, "the film has no picture for the whole clip", dict(enumerate(rows))
     try:
         for number, images in cut(path, times, options.size, options.fit):
             row = left.pop(number)

@@ -69,7 +69,7 @@ class Films:
             raise NoClip(str(error)) from None
         except FileNotFoundError:
             raise NoClip("the file is gone") from None
-        raise NoClip("the film ends before the clip")
+        raise NoClip("the film has no picture for the whole clip")
 
 
 class Shards:
@@ -147,15 +147,21 @@ def cut(
     """Each clip by its number, with its frames: uint8 [frames, height, width, 3], RGB.
 
     `times_s`: of the frames of each clip (`frame_times`). Clips come in the order of their ends;
-    those that the film is too short for are left out. Clips that overlap share the decoding, and
-    only they are in memory together. Raises UndecodableVideo, behind the clips before the fault.
+    those for which the film has no picture, as it begins later or ends before, are left out. Clips
+    that overlap share the decoding, and only they are in memory together. Raises UndecodableVideo,
+    behind the clips before the fault.
     """
     clips = np.repeat(np.arange(len(times_s)), [len(one) for one in times_s])
     times = np.concatenate([*times_s, np.zeros(0)])
     order = np.argsort(times, kind="stable")
     cutting: dict[int, list[np.ndarray]] = {}
+    without_picture: set[int] = set()
     shown = frames_at(path, times[order].tolist(), size, fit)
     for clip, image in zip(clips[order].tolist(), shown, strict=False):
+        if image is None:
+            without_picture.add(clip)
+        if image is None or clip in without_picture:
+            continue
         images = cutting.setdefault(clip, [])
         images.append(image)
         if len(images) == len(times_s[clip]):

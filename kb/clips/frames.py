@@ -2,9 +2,10 @@
 
 Times are those of the film: a container whose clock begins later, as that of most `.ts` and `.mpg`
 files, has its start time added. The frame at time t is the one with the largest presentation time
-that is not after t, in ticks of the stream, so no time is rounded. Before the first frame the first
-one is shown. Packets are read in order, and of the groups of pictures only those are decoded that
-show a wanted frame; gaps are skipped by a seek.
+that is not after t, in ticks of the stream, so no time is rounded. In the second before the first
+frame the first one is shown; a picture that begins later than that is not there yet. Packets are
+read in order, and of the groups of pictures only those are decoded that show a wanted frame; gaps
+are skipped by a seek.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     import av
 
 Fit = Literal["stretch", "crop", "pad"]
+_LEAD = 1  # s; so much later than the first sound the first picture begins in many films
 _GAP = 20  # s; a longer gap is skipped by a seek, a shorter one by reading packets
 
 
@@ -48,8 +50,9 @@ def frames_at(
     times_s: Sequence[float],
     size: tuple[int, int] = (160, 256),
     fit: Fit = "stretch",
-) -> Iterator[np.ndarray]:
-    """The frame shown at each time (s, ascending): uint8 [height, width, 3], RGB, upright.
+) -> Iterator[np.ndarray | None]:
+    """The frame shown at each time (s, ascending): uint8 [height, width, 3], RGB, upright; None
+    where the picture has not begun.
 
     `size`: height and width. `fit`: stretch changes the ratio of the sides, crop cuts what is
     beyond the middle, pad adds black. Ends early where the film does. Raises UndecodableVideo,
@@ -68,6 +71,9 @@ def frames_at(
             shown, image = None, np.zeros((0, 0, 3), np.uint8)
             start = Fraction(max(film.start_time or 0, 0), av.time_base)
             for frame in _shown(film, stream, _ticks(times_s, start, stream)):
+                if frame is None:
+                    yield None
+                    continue
                 if frame is not shown:
                     shown, image = frame, _fitted(frame, size, fit)
                 yield image
@@ -85,8 +91,9 @@ def _ticks(times_s: Sequence[float], start: Fraction, stream: av.VideoStream) ->
 
 def _shown(
     film: av.container.InputContainer, stream: av.VideoStream, ticks: Sequence[int]
-) -> Iterator[av.VideoFrame]:
-    """The frame shown at each tick, until the film ends."""
+) -> Iterator[av.VideoFrame | None]:
+    """The frame shown at each tick, until the film ends; None where the picture has not begun."""
+    lead = _LEAD / float(stream.time_base or 1)
     left = list(reversed(ticks))
     last: av.VideoFrame | None = None
     frames = _decoded(film, stream, left)
@@ -94,7 +101,8 @@ def _shown(
         if frame.pts is None:
             raise UndecodableVideo("frames without times")
         while left and left[-1] < frame.pts:
-            yield frame if last is None else last
+            is_early = last is None and frame.pts - left[-1] > lead
+            yield None if is_early else last or frame
             left.pop()
         last = frame
     end = (last.pts or 0) + max(last.duration or 0, 1) if last is not None else 0

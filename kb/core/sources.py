@@ -148,6 +148,13 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     place            how a link names a place in it
     address          the URL of an item at the service, with {key}; "" where the key gives none
     origin           the address of the service, with names of settings in its section
+    shape            how `kb explore` shows an item: "video" (a text with times, and its pairs),
+                     "page" (blocks beside a screenshot), "thread" (a post with a tree of comments),
+                     "" (its parts as text)
+    facts            columns of the main table that stand at the head of an item's page
+    elsewhere        stages that do not concern a table, by table
+    counts_units     whether its ledger counts units of a quota, and not requests alone
+    color            its colour in the report: "red", "green", "blue"; grey without one
     dated            the column of the main table that dates a row, and what happened then
     unlicensed       a sentence on licences where rows name none of their own
     """
@@ -177,6 +184,11 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     place: LinkPattern = LinkPattern()
     address: str = ""
     origin: str = ""
+    shape: str = ""
+    facts: tuple[str, ...] = ()
+    elsewhere: dict[str, tuple[str, ...]] = {}
+    counts_units: bool = False
+    color: str = ""
     dated: tuple[str, str] = ("fetched_at", "fetched")
     unlicensed: str = ""
     annotate_help: str = "Score its texts."

@@ -23,6 +23,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -101,7 +102,7 @@ class IdRules:
     files: str = ""
     is_unmistakable: Callable[[str], bool] | None = None
 
-    def read(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
+    def ids_in(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
         """All ids of a list. `say` gets one line when some entries are not ids.
 
         Raises SettingError.
@@ -124,11 +125,11 @@ class IdRules:
             say(f"{self.option} {path}: {what}")
         return IdList(list(keys), frozenset(numbers), bad, tuple(unread))
 
-    def read_some(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
+    def some_ids_in(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
         """The same for a command that has nothing to do without one. Raises SettingError also when
         there is none.
         """
-        listed = self.read(path, say)
+        listed = self.ids_in(path, say)
         if not listed.keys:
             first = _first_line(path) or "".join(listed.unread[:1])
             begins = f"; it begins with {first[:60]!r}" if first else ""
@@ -152,9 +153,7 @@ class IdRules:
 
     def known(self, names: Iterable[Any]) -> list[Column]:
         """Those of the names that are names of the rules, best first."""
-        folded = [(_fold(name), name) for name in names]
-        known = ((one, _fold(one)) for one in self.columns)
-        return [Column(name, one) for one, own in known for each, name in folded if each == own]
+        return _known(self.columns, tuple(names))
 
     def id_column(self, names: Iterable[Any], rows: Sequence[Mapping[Any, Any]]) -> Any:
         """The column of which most rows hold ids, some of them unmistakable; None if it is not half
@@ -170,26 +169,16 @@ class IdRules:
 
     def ids_among(self, values: Iterable[Any]) -> int:
         """How many values are ids; 0 if each of them could be a word."""
-        texts = [one for one in values if isinstance(one, str)]
+        texts = [text for text in values if isinstance(text, str)]
         if self.is_unmistakable is None or not any(map(self.is_unmistakable, texts)):
             return 0
-        return sum(self.parse(ListedId(one)) is not None for one in texts)
+        return sum(self.parse(ListedId(text)) is not None for text in texts)
 
-    def column_of(self, names: Sequence[Any], rows: Sequence[Mapping[Any, Any]]) -> Column | None:
-        """The column of a table that has the ids, by its name, or else by values of some rows."""
-        known = self.known(names)
-        for column in known:
-            values = (row.get(column.name) for row in rows)
-            if any(
-                self.parse(ListedId(value, column.known_as)) is not None
-                for value in values
-                if value not in (None, "")
-            ):
-                return column
-        named = [column for column in known if column.known_as not in _GENERIC]
-        if not named and (id_column := self.id_column(names, rows)) is not None:
-            return Column(id_column)
-        return next(iter([*named, *known]), None)
+
+@lru_cache(256)
+def _known(columns: tuple[str, ...], names: tuple[Any, ...]) -> list[Column]:
+    given = [(_fold(name), name) for name in names]
+    return [Column(n, column) for column in columns for fold, n in given if fold == _fold(column)]
 
 
 def _fold(name: Any) -> str:
@@ -215,7 +204,7 @@ def files_of(path: Path, rules: IdRules) -> list[Path]:
     if rules.files:
         listed = sorted(path.glob(rules.files))
         visible = [
-            one for one in listed if not any(p[:1] == "." for p in one.relative_to(path).parts)
+            file for file in listed if not any(p[:1] == "." for p in file.relative_to(path).parts)
         ]
         if visible:
             return visible
@@ -231,16 +220,10 @@ def column_of(path: Path, option: str, columns: Sequence[str]) -> str:
     names = pq.read_schema(path).names
     column = next((name for name in columns if name in names), None)
     if column is None:
-        raise _no_column(path, option, columns, names)
+        raise SettingError(
+            f"{option} {path} has no column {' or '.join(columns)}; it has {', '.join(names)}"
+        )
     return column
-
-
-def _no_column(
-    path: Path, option: str, columns: Iterable[str], names: Iterable[str]
-) -> SettingError:
-    return SettingError(
-        f"{option} {path} has no column {' or '.join(columns)}; it has {', '.join(names)}"
-    )
 
 
 def is_parquet(path: Path) -> bool:
@@ -279,15 +262,19 @@ def _metadata(path: Path) -> Any:
 
 
 def _of_parquet(path: Path, rules: IdRules) -> Iterator[ListedId]:
-    names = pq.read_schema(path).names
+    """By columns with a known name where there are some, else by all of them."""
     with parquet.open_file(path) as file:
-        first = next(file.iter_batches(batch_size=_SAMPLE), None)
-        column = rules.column_of(names, first.to_pylist() if first is not None else [])
-        if column is None:
-            raise _no_column(path, rules.option, rules.columns, names)
-        for batch in file.iter_batches(columns=[column.name]):
-            for row in batch.to_pylist():
-                yield ListedId(row[column.name], column.known_as, row)
+        named = [column.name for column in rules.known(file.schema_arrow.names)]
+        batches = file.iter_batches(columns=named or None)
+        yield from _of_rows((row for batch in batches for row in batch.to_pylist()), rules)
+
+
+def _of_rows(rows: Iterator[dict[Any, Any]], rules: IdRules) -> Iterator[ListedId]:
+    """The entries of a table's rows, by names of columns, else by the column that holds ids."""
+    sample = list(islice(rows, _SAMPLE))
+    id_column = rules.id_column([name for row in sample for name in row], sample)
+    for row in chain(sample, rows):
+        yield _by_name(row, rules) or ListedId(row.get(id_column), "", row)
 
 
 def _of_text(path: Path, rules: IdRules) -> Iterator[ListedId]:
@@ -312,12 +299,8 @@ def _of_lines(sample: Sequence[str], lines: Iterator[str], rules: IdRules) -> It
         names = [name.strip().lower() for name in next(cells([header], delimiter))]
         if (number == 0 or len(names) > 1) and rules.known(names):
             # A playlist of Google Takeout may begin with a table about the playlist.
-            rows = cells(sample[number + 1 :], delimiter)
-            column = rules.column_of(names, [dict(zip(names, row, strict=False)) for row in rows])
-            for values in cells(islice(lines, number + 1, None), delimiter):
-                row = dict(zip(names, values, strict=False))
-                if column is not None:
-                    yield ListedId(row.get(column.name), column.known_as, row)
+            table = cells(islice(lines, number + 1, None), delimiter)
+            yield from _of_rows((dict(zip(names, row, strict=False)) for row in table), rules)
             return
         if rules.parse(ListedId(header.strip("\r\n "))):
             break
@@ -349,8 +332,8 @@ def _unnamed_column(sample: Sequence[str], rules: IdRules) -> tuple[str, int] | 
     if any(_several(line, rules) or rules.parse(ListedId(line.strip("\r\n "))) for line in sample):
         return None
     rows = [dict(enumerate(values)) for values in cells(sample, delimiter)]
-    column = rules.column_of(sorted({at for row in rows for at in row}), rows)
-    return None if column is None else (delimiter, column.name)
+    at = rules.id_column(sorted({at for row in rows for at in row}), rows)
+    return None if at is None else (delimiter, at)
 
 
 def _of_records(values: Sequence[Any], rules: IdRules) -> Iterator[ListedId]:
@@ -378,11 +361,13 @@ def _of_record(value: Any, rules: IdRules, id_column: Any = None) -> Iterator[Li
         yield from _of_record(value[holder], rules)
     elif (entry := _by_name(value, rules)) is not None:
         yield entry
-    elif lists := [one for one in value.values() if _is_records(one)]:
-        for one in lists:
-            yield from _of_records(one, rules)
-    elif named := [one for one in (value, *value.values()) if _are_ids(one, rules)]:
-        yield from (ListedId(key, "[]") for one in named for key in one)  # {id: …}, {"ids": [id]}
+    elif lists := [records for records in value.values() if _is_records(records)]:
+        for records in lists:
+            yield from _of_records(records, rules)
+    elif named := [group for group in (value, *value.values()) if _are_ids(group, rules)]:
+        yield from (
+            ListedId(key, "[]") for group in named for key in group
+        )  # {id: …}, {"ids": [id]}
     else:
         yield ListedId(value.get(id_column), "", value)
 
@@ -412,7 +397,11 @@ def _are_ids(value: Any, rules: IdRules) -> bool:
 
 
 def _is_records(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(one, dict) for one in value)
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and all(isinstance(record, dict) for record in value)
+    )
 
 
 def _is_clips(value: Any) -> bool:

@@ -15,12 +15,24 @@ from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession, open_session
 from kb.net import redact
 from kb.store.rawlog.rawlog import SEEDS
+from kb.store.state.frontier import Frontier
 
 Summarize = Callable[[CrawlSession, Loop], Summary]
 
 
+IMPORTED = "imported"  # cursor: the arguments of imports, each a list; `kb update` reads them again
 ASKED = "asked"  # cursor: Connector.asked of the newest crawl
 STOPPED = "stopped"  # cursor: what a service stopped the newest run for, and what it waits for
+
+
+def remember_import(frontier: Frontier, **arguments: Sequence[Path | str]) -> None:
+    """Note what an import was given, for `kb update`; paths besides those of earlier imports."""
+    known = frontier.cursor(IMPORTED, {}, of=dict[str, list[str]])
+    for name, values in arguments.items():
+        texts = [str(value.absolute()) if isinstance(value, Path) else value for value in values]
+        paths = any(isinstance(value, Path) for value in values)
+        known[name] = list(dict.fromkeys([*known.get(name, ()), *texts])) if paths else texts
+    frontier.set_cursor(IMPORTED, known)
 
 
 def work(

@@ -7,7 +7,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from kb.artifacts import purge as steps
-from kb.artifacts import purge_raw
 from kb.artifacts.purge import Purge, PurgeLine, PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
@@ -44,13 +43,13 @@ def remove_keys(
         session.recorder.close()
         scratch = Layout(run.root).known(rules.source)
         purge = Purge(run, rules, listed, session.frontier, scratch, asked=asked)
-        try:
-            purge_raw.check_readable(run.root, rules.source, run.workers)
-        except DamagedData:
-            session.recorder.check_all_segments()
+        for step in (purge.find, purge.begin, purge.scan):
+            try:
+                step()
+            except DamagedData:  # nothing was removed yet
+                session.recorder.check_all_segments()
+                step()
         purge.damage = session.recorder.damage
-        purge.find()
-        purge.begin()
         removed: list[PurgeLine] = []
         if purge.keys:
             removed += steps.derived(purge) if purge.removed else ()
@@ -88,6 +87,7 @@ def dry_purge(
         purge = Purge(run, rules, listed, frontier, scratch / "work", True, asked)
         purge.find()
         purge.begin()
+        purge.scan()
         yield purge
 
 
@@ -110,7 +110,7 @@ def rules_by_name(source: SourceDeclaration) -> PurgeRules:
     )
     return PurgeRules(
         source.name,
-        ids.read_some,
+        ids.some_ids_in,
         rows=(
             *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
             *shared_locations(source.name),

@@ -5,7 +5,7 @@ rejects a data root of another profile and has replayed the same raw tail.
 """
 
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -130,9 +130,7 @@ def open_session(
         if root == run.root:
             domain_binding.note(run.root, run.profile)
         domain_binding.bind_service(root, connector.name, **facts)
-        if not Layout(root).state(connector.name).exists() and rawlog.any_answer(
-            root, connector.name
-        ):
+        if is_state_missing(root, connector.name):
             run.progress.say(
                 f"{connector.name}: its state is missing; it is replayed from raw data"
             )
@@ -160,3 +158,19 @@ def open_session(
             )
         )
         yield session
+
+
+def is_state_missing(root: Path, source: str) -> bool:
+    """Whether there are raw answers without the state that they give."""
+    return not Layout(root).state(source).exists() and rawlog.any_answer(root, source)
+
+
+def replay_missing_state(run: Run, source: str, make_connector: Callable[[Run], Connector]) -> None:
+    """Replay a source's state from raw answers where it is missing, with one line.
+
+    For commands that only need what the state says. Raises WriterLocked, DamagedData, and OSError
+    where the data root can't be written.
+    """
+    if is_state_missing(run.root, source):
+        with open_session(run, make_connector(run), online=False):
+            pass

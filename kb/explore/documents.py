@@ -27,30 +27,15 @@ from kb.mcp.documents import (
 from kb.reader import thread as threads
 from kb.reader.tables import OpenTables
 from kb.reader.wiki_page import stored_png
+from kb.schema import table
 from kb.search.passage import plain
-from kb.search.query import question
+from kb.search.query import function_words, question
 from kb.search.tantivy_index import analyzer
 from kb.store.layout import VERDICTS
 
 NEAREST = 40  # parts around the place
 _MOST_NODES = 200  # of a thread
 _DEEPEST = 8  # levels that are told apart by their indent
-_FACTS = {  # columns that the head of a page shows
-    "youtube": (
-        *("channel_title", "published_at", "duration_s", "view_count", "like_count", "license"),
-        *("transcript_kind", "word_count", "topic_evidence", "toxicity_title"),
-        *("toxicity_description", "fetched_at"),
-    ),
-    "wiki": (
-        *("revision_id", "revision_timestamp", "license", "word_count", "page_width"),
-        *("page_height", "toxicity", "fetched_at"),
-    ),
-    "reddit": (
-        *("type", "created_utc", "score", "num_comments", "comments_released", "upvote_ratio"),
-        *("toxicity_title", "toxicity_body", "fetched_at"),
-    ),
-}
-_MAIN = {"youtube": "videos", "wiki": "pages", "reddit": "posts"}
 Pieces = list[str]
 """A text in pieces, of which every second one is marked."""
 Marker = Callable[[str], Pieces]
@@ -117,7 +102,8 @@ def read(root: Path, language: str, query: Mapping[str, str], readers: Readers) 
     every = {**{name: query[name] for name in ("ref", "words") if query.get(name)}, "all": "1"}
     page = DocumentPage("", "", place.ref, "", [], all=f"?{urlencode(every)}#here", mark=mark)
     every_part = bool(query.get("all"))
-    if place.source == "reddit":
+    shape = SOURCES[place.source].shape
+    if shape == "thread":
         return _thread(tables, place, page, mark, every_part)
     try:
         found = _kept(tables, place, page, every_part, readers)
@@ -126,7 +112,7 @@ def read(root: Path, language: str, query: Mapping[str, str], readers: Readers) 
         if verdict is None:
             raise
         return _left_out(place, page, mark, *verdict)
-    if place.source == "youtube":
+    if shape == "video":
         found.pairs = cards(tables, language, "video_id = ?", [place.key])
     return found
 
@@ -138,27 +124,30 @@ def _kept(
     every_part: bool,
     readers: Readers,
 ) -> DocumentPage:
-    """A video with its transcript, or a wiki page with its sections."""
+    """A video with its transcript, a wiki page with its sections, or another item's parts."""
     opened = OpenTables([tables.catalog])
     page.document = document = readers[place.source].document(opened, place)
-    page.kind, page.title, page.here = _KINDS[place.source], document.title, document.nearest[0]
+    of = SOURCES[place.source]
+    page.kind, page.title, page.here = of.shape or "text", document.title, document.nearest[0]
     page.shown = sorted(document.nearest[: len(document.parts) if every_part else NEAREST])
     page.all = "" if len(page.shown) == len(document.parts) else page.all
     key = document.parts[0].place.key
-    column, value = ("video_id", key) if page.kind == "video" else ("page_id", int(key))
-    row = first_row(opened, f"{place.source}_{_MAIN[place.source]}", f"{column} = ?", [value]) or {}
+    column = table(f"{of.name}/{of.main}").key[0]
+    row = first_row(opened, f"{of.name}_{of.main}", f"{column}::VARCHAR = ?", [key]) or {}
     page.facts = _facts(place.source, row)
     page.address = document.parts[0].url
     if page.kind == "video" and place.at:
         page.around_caption = _around_caption(
-            opened, key, document.parts[page.here].text, float(place.at)
+            opened, of.name, key, document.parts[page.here].text, float(place.at)
         )
     return page
 
 
-def _around_caption(opened: OpenTables, key: str, text: str, second: float) -> tuple[str, str, str]:
+def _around_caption(
+    opened: OpenTables, source: str, key: str, text: str, second: float
+) -> tuple[str, str, str]:
     """The text of a part before the caption of a second, the caption, and the text behind it."""
-    row = first_row(opened, "youtube_transcripts", "video_id = ?", [key]) or {}
+    row = first_row(opened, f"{source}_transcripts", "video_id = ?", [key]) or {}
     cues = [cue for cue in row.get("cues") or () if int(cue["start_s"]) <= second]
     caption = " ".join(plain(cues[-1]["text"]).split()) if cues else ""
     if not caption or caption not in text:
@@ -166,15 +155,12 @@ def _around_caption(opened: OpenTables, key: str, text: str, second: float) -> t
     return text.partition(caption)
 
 
-_KINDS = {"youtube": "video", "wiki": "page"}
-
-
 def _facts(source: str, row: Mapping[str, Any]) -> list[tuple[str, str]]:
     """(heading, value) of the columns of a main row that have one."""
-    declared = f"{source}/{_MAIN[source]}"
+    declared = f"{source}/{SOURCES[source].main}"
     return [
         (heading(declared, name), cell(declared, name, row[name]).text)
-        for name in _FACTS[source]
+        for name in SOURCES[source].facts
         if row.get(name) is not None
     ]
 
@@ -209,7 +195,7 @@ def _left_out(
     """A video or wiki page that was not kept, as far as its row tells."""
     page.verdict, page.all = verdict, ""
     page.title = row.get("title") or place.key
-    page.address = "" if place.source == "reddit" else SOURCES[place.source].url_of(place.key)
+    page.address = SOURCES[place.source].url_of(place.key) if page.kind != "thread" else ""
     page.text = mark(row["text"]) if row.get("text") else []
     channel = row.get("channel_title")
     page.facts = [("Channel title", channel)] if channel else []
@@ -220,20 +206,20 @@ def _thread(
     tables: CurrentTables, place: SourceLocation, page: DocumentPage, mark: Marker, every_part: bool
 ) -> DocumentPage:
     """A post with all its comments, those that were not kept among them, as a tree."""
+    page.kind, source = "thread", place.source
     opened = OpenTables([tables.catalog])
     post_id, at = place.key, place.at
     if post_id.startswith("t1_"):
-        comment, post_id = post_id, _post_of(tables, opened, post_id)
+        comment, post_id = post_id, _post_of(tables, opened, source, post_id)
         if not post_id:
-            verdict = _verdict(tables, "reddit", comment)
+            verdict = _verdict(tables, source, comment)
             if verdict is None:
                 raise UsageError(f"unknown comment {comment[:40]!r}", hint="Rows lists them")
             return _left_out(place, page, mark, *verdict)
         at = comment[3:]
-    url = SOURCES["reddit"].url_of(post_id)
-    page.kind, page.address = "thread", url
-    verdict = _verdict(tables, "reddit", f"t3_{post_id}")
-    lost = _rejected_comments(tables, post_id)
+    page.address = url = SOURCES[source].url_of(post_id)
+    verdict = _verdict(tables, source, f"t3_{post_id}")
+    lost = _rejected_comments(tables, source, post_id)
     nodes: dict[str, ThreadNode] = {}
     parents: dict[str, str | None] = {}
     if verdict is not None:
@@ -250,7 +236,7 @@ def _thread(
             top = ThreadNode("", "post", url, [], why="unknown: no service returned it")
         else:
             page.title = thread.title or f"Post {post_id}"
-            page.facts = _facts("reddit", thread.post)
+            page.facts = _facts(source, thread.post)
             top = ThreadNode("", "post", url, mark(_words(thread.body, thread.missing)))
             for _, one in thread.walk():
                 score = "" if one.score is None else f", score {one.score:,}"
@@ -271,7 +257,7 @@ def _thread(
     keys = [node.key for node in page.nodes]
     if at not in keys:
         raise UsageError(
-            f"post {post_id} has no comment {at[:40]!r}", hint=f"open reddit:{post_id}"
+            f"post {post_id} has no comment {at[:40]!r}", hint=f"open {source}:{post_id}"
         )
     page.here = keys.index(at)
     nearest = outward(page.here, len(keys))
@@ -280,28 +266,29 @@ def _thread(
     return page
 
 
-def _post_of(tables: CurrentTables, opened: OpenTables, fullname: str) -> str:
+def _post_of(tables: CurrentTables, opened: OpenTables, source: str, fullname: str) -> str:
     """The post of a comment, kept or not; "" where nothing tells it."""
-    row = first_row(opened, "reddit_comments", "comment_id = ?", [fullname[3:]])
-    if row is None and _keeps_words(tables):
+    row = first_row(opened, f"{source}_comments", "comment_id = ?", [fullname[3:]])
+    if row is None and _keeps_words(tables, source):
         sql = "SELECT post_id FROM {table} WHERE key = ? AND post_id IS NOT NULL"
-        row = next(iter(tables.rows("reddit_rejected", sql, [fullname]).to_pylist()), None)
+        row = next(iter(tables.rows(f"{source}_rejected", sql, [fullname]).to_pylist()), None)
     return str(row["post_id"]) if row else ""
 
 
-def _keeps_words(tables: CurrentTables) -> bool:
+def _keeps_words(tables: CurrentTables, source: str) -> bool:
     """Whether rejected comments say what they were; an older filter's do not."""
-    return "reddit_rejected" in tables and "post_id" in tables.columns("reddit_rejected")
+    name = f"{source}_rejected"
+    return name in tables and "post_id" in tables.columns(name)
 
 
-def _rejected_comments(tables: CurrentTables, post_id: str) -> list[dict[str, Any]]:
-    if not _keeps_words(tables):
+def _rejected_comments(tables: CurrentTables, source: str, post_id: str) -> list[dict[str, Any]]:
+    if not _keeps_words(tables, source):
         return []
     sql = (
         "SELECT key, parent_id, text, stage::VARCHAR AS stage, reason::VARCHAR AS reason"
         " FROM {table} WHERE post_id = ? ORDER BY length(key), key"
     )
-    return tables.rows("reddit_rejected", sql, [post_id]).to_pylist()
+    return tables.rows(f"{source}_rejected", sql, [post_id]).to_pylist()
 
 
 def _words(text: str | None, missing: str | None) -> str:
@@ -321,9 +308,10 @@ def _marker(root: Path, source: str, words: str) -> Marker:
     if not words.strip():
         return lambda text: [text]
     known = index.known(root, source)
-    split = analyzer(str(known.figures["stemmer"]) if known is not None else "")
+    language = str(known.figures["language"]) if known is not None else ""
+    split, small = analyzer(language), function_words(language)
     try:
-        terms = question(words).terms
+        terms = question(words, small.__contains__).terms
     except UsageError:
         return lambda text: [text]
     stems = {stem for term in terms for stem in split.analyze(term.text)}

@@ -2,29 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
+from kb.artifacts.table_catalog import view_name
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import remaining
 from kb.explore.tables import CurrentTables
+from kb.schema import table
 from kb.store.layout import VERDICTS
-
-_HOURS_OF_A_YEAR = 8766
-_TOTALS = {  # tables → what is counted in them: SQL, noun
-    "youtube_videos": (
-        ("count(*)", "videos"),
-        ("sum(duration_s) / 3600", "hours of video"),
-        ("sum(word_count)", "words spoken"),
-    ),
-    "wiki_pages": (("count(*)", "wiki pages"),),
-    "wiki_elements": (("count(x)", "boxes on pages"),),
-    "reddit_posts": (("count(*)", "posts"),),
-    "reddit_comments": (("count(*)", "comments"),),
-    "pairs": (("count(*)", "video-text pairs"), ("count(DISTINCT keyword)", "keywords in them")),
-    "tasks": (("count(*)", "task candidates"),),
-    "entities": (("count(*)", "entities"),),
-}
 
 
 def read(tables: CurrentTables, about: Mapping[str, Any]) -> dict[str, Any]:
@@ -34,20 +21,14 @@ def read(tables: CurrentTables, about: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _totals(tables: CurrentTables) -> list[tuple[str, str]]:
-    """(number, noun) of what the tables hold."""
-    counted = {name: of for name, of in _TOTALS.items() if name in tables}
-    counts: list[tuple[float | None, str]] = []
-    with tables.asked(*counted) as con:
-        for name, of in counted.items():
-            sums = ", ".join(f"({sql})::DOUBLE" for sql, _ in of)
-            (row,) = con.execute(f"SELECT {sums} FROM {tables.view(name).full}").fetchall()
-            counts += zip(row, (noun for _, noun in of), strict=True)
+    """(number, noun) of what the tables hold: the totals that the report shows."""
     totals = []
-    for total, noun in counts:
-        if total and noun == "hours of video" and total >= _HOURS_OF_A_YEAR:
-            totals.append((f"{total / _HOURS_OF_A_YEAR:,.1f}", "years of video"))
-        elif total:
-            totals.append((f"{total:,.0f}", noun))
+    for noun, name, sql in itertools.chain(*(one.totals for one in PUBLISHED.values())):
+        if (view := view_name(table(name))) in tables:
+            row = tables.rows(view, f"SELECT ({sql})::DOUBLE FROM {{table}}")
+            if total := row.column(0)[0].as_py():
+                text = f"{total:.2g}" if total % 1 and total < 10 else f"{total:,.0f}"
+                totals.append((text, noun))
     return totals
 
 

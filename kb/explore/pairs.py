@@ -11,9 +11,10 @@ from urllib.parse import urlencode
 
 import duckdb
 
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, made_of
 from kb.explore.tables import CurrentTables, page_number
 
+(VIDEOS,) = made_of("pairs")  # the source of the videos
 ON_A_PAGE = 18  # cards: a number that fills rows of two and of three
 _LAST = 5_000  # pages
 _RECURRING = 0.2  # share of words above which a channel seems to say it in each video
@@ -119,13 +120,13 @@ def cards(
                 return {}
             return _by_key(con, tables.view(name).full, column or key, wanted)
 
-        videos, quality = about("youtube_videos", "video_id"), about("pairs_quality", "pair_id")
+        videos, quality = about(f"{VIDEOS}_videos", "video_id"), about("pairs_quality", "pair_id")
         scores, labels = about("pairs_scores", "pair_id"), about("labels", "pair_id", "item_id")
     made = []
     for pair in pairs:
         key, second = pair["pair_id"], int(pair["clip_start_s"])
         known = videos.get(pair["video_id"], [{}])[0].get("title")
-        place = {"ref": f"youtube:{pair['video_id']}@{second}", "words": pair["keyword"]}
+        place = {"ref": f"{VIDEOS}:{pair['video_id']}@{second}", "words": pair["keyword"]}
         made.append(
             PairCard(
                 pair["keyword"],
@@ -134,7 +135,7 @@ def cards(
                 _pieces(pair),
                 pair["clip_start_s"],
                 pair["clip_end_s"],
-                f"{SOURCES['youtube'].url_of(pair['video_id'])}&t={second}s",
+                f"{SOURCES[VIDEOS].url_of(pair['video_id'])}&t={second}s",
                 f"/document?{urlencode(place)}#here",
                 list(_marks(pair, quality.get(key, [{}])[0], language)),
                 [score for one in scores.get(key, ()) for score in _scores(one)],

@@ -12,7 +12,7 @@ from kb.core.errors import KbError, UsageError
 from kb.core.sources import SOURCES
 from kb.explore.tables import page_number
 from kb.mcp.search_tool import ref
-from kb.search.answers import MARK, NotIndexed, SearchHit, search, suggest
+from kb.search.answers import MARK, NotIndexed, SearchHit, search_as_meant
 from kb.search.ranking import Only, day_given
 
 ON_A_PAGE = 20  # answers
@@ -24,13 +24,15 @@ _FIELDS = ("words", "source", "kind", "entity", "since", "until", "least")
 @dataclass(frozen=True)
 class SearchPage:
     """What was asked, by the name of its field, and the answers, best first; or why there are none:
-    `problem`, and a `hint` what to do. `more`: there is another page. An answer of `hits` has the
-    address of its surroundings, and its snippet in pieces of which every second one is marked.
+    `problem`, and a `hint` what to do. `instead`: these are those to the
+    suggestion. `more`: there is another page. An answer of `hits` has the address of its
+    surroundings, and its snippet in pieces of which every second one is marked.
     """
 
     asked: dict[str, str]
     hits: list[tuple[SearchHit, str, list[str]]]
     suggestion: str
+    instead: bool = False
     problem: str = ""
     hint: str = ""
     page: int = 1
@@ -77,18 +79,20 @@ def read(root: Path, query: Mapping[str, str]) -> SearchPage:
     )
     sources = [asked["source"]] if asked["source"] else []
     try:
-        hits = search(root, asked["words"], sources=sources, only=only, entity=asked["entity"])
-        meant = suggest(root, asked["words"], sources=sources)
+        hits, meant, instead = search_as_meant(
+            root, asked["words"], sources=sources, only=only, entity=asked["entity"]
+        )
     except NotIndexed as error:
         return without_answers(query, error)
-    shown = [_shown(hit, asked["words"]) for hit in hits[(number - 1) * ON_A_PAGE :][:ON_A_PAGE]]
+    words = meant if instead else asked["words"]
+    shown = [_shown(hit, words) for hit in hits[(number - 1) * ON_A_PAGE :][:ON_A_PAGE]]
     more = len(hits) > number * ON_A_PAGE and number < _LAST
-    return SearchPage(asked, shown, meant, page=number, more=more)
+    return SearchPage(asked, shown, meant, instead, page=number, more=more)
 
 
 def without_answers(query: Mapping[str, str], error: KbError) -> SearchPage:
     """The page of a question that has no answers for this reason."""
-    return SearchPage(_asked(query), [], "", str(error), error.hint)
+    return SearchPage(_asked(query), [], "", problem=str(error), hint=error.hint)
 
 
 def _asked(query: Mapping[str, str]) -> dict[str, str]:

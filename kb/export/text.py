@@ -7,9 +7,10 @@ and Dolma read it.
 The text is Markdown and begins with `# Title`; the title is a line, whatever it was. Each source
 says what its documents are (`kb/<source>/text.py`): pieces of text, some of which begin something
 new (a heading, a comment, a paragraph after a pause). Chunks of at most so many tokens are cut
-there; a piece that is longer than a chunk is cut between its lines, then between its words. Chunks
-begin with the title too, and with the headings that they stand under. Their ids are `<id>-<number>`
-from 0, and `metadata` has `document`, `chunk` and `chunks`.
+there; a piece that is longer than a chunk is cut between its lines, else where a sentence ends,
+else between two words, else anywhere. Chunks begin with the title too, and with the headings that
+they stand under, as far as these take half of a chunk. Their ids are `<id>-<number>` from 0, and
+`metadata` has `document`, `chunk` and `chunks`.
 
 Documents are in the order of the clean parts, which workers make side by side; the same clean rows
 give the same bytes. For one's own use: licences are those in `metadata`.
@@ -18,6 +19,9 @@ give the same bytes. For one's own use: licences are those in `metadata`.
 from __future__ import annotations
 
 import functools
+import re
+import unicodedata
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -31,6 +35,7 @@ from kb.core.engine import executor_of, map_in_order
 from kb.core.errors import FatalError, SettingError
 from kb.core.installation import require
 from kb.core.regular_file import check_regular
+from kb.core.scripts import words
 from kb.core.sources import SourceDeclaration
 from kb.core.summary import Summary
 from kb.export.contacts import replaced
@@ -42,6 +47,13 @@ from kb.store.tables.reading import reading
 TOKENS_A_WORD = 1.3
 LEAST_TOKENS = 32  # of a chunk: less is hardly more than its title
 _GAP = "\n\n"
+# Longer ones are addresses, code or base64, of which tokenizers make tokens of one or two signs.
+_LONGEST_WORD = 20
+_SIGNS_A_TOKEN = 1.5
+_SENTENCE = re.compile(r"""[.!?…]["'”’)\]]*\s|[。！？｡]["'”’」』）]*|[។။]|\n""")
+_SPACE = re.compile(r"\s+")
+_JOINER = "\u200d"  # of an emoji's parts
+_MOST_SIGNS = 40  # of a token, on average over a chunk
 
 
 class TextPiece(NamedTuple):
@@ -64,7 +76,7 @@ class TextDocument(NamedTuple):
 
 
 class TextOptions(NamedTuple):
-    """What a user asked for; `tokenizer` is a tokenizer.json, else words are counted."""
+    """What a user asked for; `tokenizer` is a tokenizer.json, else tokens are estimated."""
 
     chunk_tokens: int = 0
     tokenizer: str = ""
@@ -73,7 +85,9 @@ class TextOptions(NamedTuple):
     @property
     def counted(self) -> str:
         """What a token is, in words."""
-        return f"tokens of {self.tokenizer}" if self.tokenizer else f"words × {TOKENS_A_WORD}"
+        if self.tokenizer:
+            return f"tokens of {self.tokenizer}"
+        return f"words × {TOKENS_A_WORD}, as are signs of scripts without spaces"
 
 
 class DocumentSource(Protocol):
@@ -193,38 +207,81 @@ def _time(when: datetime | None) -> str | None:
 
 
 def _chunks(title: str, pieces: Iterable[TextPiece], options: TextOptions) -> Iterator[str]:
-    """The text in chunks of at most so many tokens, each with the title and its headings; only
-    these may make one longer.
-    """
+    """The text in chunks of at most so many tokens, each with the title and the headings above."""
+    short = _shortened(title, options)
+    if short != title:
+        pieces = [TextPiece(title.removeprefix("# "), begins=True), *pieces]
     headings: list[TextPiece] = []
-    chunk, size = [title], count(title, options)
+    head = [short]
+    body: list[str] = []
+    size = count(short, options)
     filled = False  # with more than headings
     for unit in _units(pieces):
         above = [one for one in headings if not unit[0].level or one.level < unit[0].level]
-        head = [title, *(one.text for one in above)]
-        if filled and size + sum(count(one.text, options) for one in unit) > options.chunk_tokens:
-            yield _GAP.join(chunk)
-            chunk, filled = head, False
-            size = sum(count(one, options) for one in head)
-        if unit[0].level:
-            headings = [*above, unit[0]]
+        more = sum(count(piece.text, options) for piece in unit)
+        if filled and size + more > _room(options):
+            yield from _bounded(head, body, options)
+            head, body, filled = _head(short, above, options), [], False
+            size = _size(head, options)
+        headings = above
         for piece in unit:
-            room = max(options.chunk_tokens - _of(title, headings, options), LEAST_TOKENS)
-            for text in _cut(piece.text, room, options):
+            repeated = _size(_head(short, headings, options), options)
+            for text in _cut(piece.text, _room(options) - repeated, options):
                 more = count(text, options)
-                if filled and size + more > options.chunk_tokens:
-                    yield _GAP.join(chunk)
-                    chunk, filled = [title, *(one.text for one in headings)], False
-                    size = _of(title, headings, options)
-                chunk.append(text)
+                if filled and size + more > _room(options):
+                    yield from _bounded(head, body, options)
+                    head, body, filled = _head(short, headings, options), [], False
+                    size = repeated
+                body.append(text)
                 size += more
                 filled = filled or not piece.level
-    if filled or len(chunk) > 1 or not headings:
-        yield _GAP.join(chunk)
+            if piece.level:
+                headings = [*headings, piece]
+    if body or not headings:
+        yield from _bounded(head, body, options)
 
 
-def _of(title: str, headings: Iterable[TextPiece], options: TextOptions) -> float:
-    return sum(count(one, options) for one in (title, *(each.text for each in headings)))
+def _bounded(head: list[str], body: list[str], options: TextOptions) -> Iterator[str]:
+    """A chunk; several where a tokenizer makes more tokens of it than of its parts."""
+    text = _GAP.join([*head, *body])
+    if len(body) < 2 or count(text, options) <= _room(options):
+        yield text
+        return
+    half = len(body) // 2
+    yield from _bounded(head, body[:half], options)
+    yield from _bounded(head, body[half:], options)
+
+
+def _room(options: TextOptions) -> int:
+    """Tokens of a chunk but for those that a model puts around it."""
+    if not options.tokenizer:
+        return options.chunk_tokens
+    around: int = _tokenizer(options.tokenizer).num_special_tokens_to_add(is_pair=False)
+    return options.chunk_tokens - around
+
+
+def _shortened(title: str, options: TextOptions) -> str:
+    """The title, or as much of it as a quarter of a chunk holds."""
+    most = options.chunk_tokens / 4
+    if count(title, options) <= most:
+        return title
+    return next(_in_parts(title, most - count("…", options), options)) + "…"
+
+
+def _head(title: str, headings: Sequence[TextPiece], options: TextOptions) -> list[str]:
+    """The title and the innermost headings that half of a chunk holds."""
+    head: list[str] = []
+    size = count(title, options)
+    for heading in reversed(headings):
+        size += count(heading.text, options)
+        if size > options.chunk_tokens / 2:
+            break
+        head.insert(0, heading.text)
+    return [title, *head]
+
+
+def _size(parts: Iterable[str], options: TextOptions) -> float:
+    return sum(count(part, options) for part in parts)
 
 
 def _units(pieces: Iterable[TextPiece]) -> Iterator[list[TextPiece]]:
@@ -248,10 +305,11 @@ def _cut(text: str, most: float, options: TextOptions) -> Iterator[str]:
         return
     lines = text.split("\n")
     head = lines[:2] if len(lines) > 2 and lines[1].startswith("| ---") else []
-    part, size = list(head), sum(count(one, options) for one in head)
-    base = size
+    if (base := _size(head, options)) > most / 2:
+        head, base = [], 0.0
+    part, size = list(head), base
     for line in lines[len(head) :]:
-        for piece in _words(line, max(most - base, 1), options):
+        for piece in _in_parts(line, most - base, options):
             more = count(piece, options)
             if len(part) > len(head) and size + more > most:
                 yield "\n".join(part)
@@ -261,28 +319,49 @@ def _cut(text: str, most: float, options: TextOptions) -> Iterator[str]:
     yield "\n".join(part)
 
 
-def _words(line: str, most: float, options: TextOptions) -> Iterator[str]:
-    if count(line, options) <= most:
-        yield line
-        return
-    words: list[str] = []
-    size = 0.0
-    for word in line.split():
-        more = count(f" {word}", options)
-        if words and size + more > most:
-            yield " ".join(words)
-            words, size = [], 0.0
-        words.append(word)
-        size += more
-    yield " ".join(words)
+def _in_parts(line: str, most: float, options: TextOptions) -> Iterator[str]:
+    """A line in parts of at most `most` tokens. Each but the last ends in its second half where a
+    sentence ends, else between two words, else anywhere.
+    """
+    while count(line, options) > most:
+        ahead = range(1, min(len(line), int(most * _MOST_SIGNS) + 2))
+        longest = max(bisect_right(ahead, most, key=lambda end: count(line[:end], options)), 1)
+        places = (
+            [
+                one.end()
+                for one in ending.finditer(line, longest // 2, longest + 1)
+                if len(line[: one.end()].rstrip()) <= longest
+            ]
+            for ending in (_SENTENCE, _SPACE)
+        )
+        end = next((ends[-1] for ends in places if ends), longest)
+        while 1 < end < len(line) and (_is_mark(line[end]) or line[end - 1] == _JOINER):
+            end -= 1
+        yield line[:end].rstrip()
+        line = line[end:].lstrip()
+    yield line
+
+
+def _is_mark(sign: str) -> bool:
+    """Whether a sign belongs to the one before."""
+    return sign == _JOINER or unicodedata.category(sign)[0] == "M"
 
 
 def count(text: str, options: TextOptions) -> float:
     """Tokens of a text and of the gap before it."""
     if not options.tokenizer:
-        return len(text.split()) * TOKENS_A_WORD
+        return _estimated(text)
     encoded = _tokenizer(options.tokenizer).encode(_GAP + text, add_special_tokens=False)
     return len(encoded.ids)
+
+
+def _estimated(text: str) -> float:
+    parted = words(text)
+    if len(text) <= _LONGEST_WORD:
+        return len(parted) * TOKENS_A_WORD
+    long = [word for word in parted if len(word) > _LONGEST_WORD]
+    signs = sum(map(len, long)) / _SIGNS_A_TOKEN
+    return (len(parted) - len(long)) * TOKENS_A_WORD + signs
 
 
 @functools.cache

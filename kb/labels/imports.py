@@ -74,6 +74,8 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
         added=rows.num_rows - old.num_rows,
         labels=rows.num_rows,
         skipped=left["skipped"],
+        no_result=left["no_result"],
+        no_annotations=left["no_annotations"],
         undefined=left["undefined"],
         **counts,
         figures=section,
@@ -215,7 +217,7 @@ class LabeledItem(msgspec.Struct):
 class _Annotation(msgspec.Struct):
     """A judgement. What else than usual stands in its fields costs that field or this judgement."""
 
-    result: Any
+    result: list[Any]
     completed_by: Any = None
     was_cancelled: Any = None
     created_at: Any = None
@@ -223,8 +225,10 @@ class _Annotation(msgspec.Struct):
 
 
 class _Task(msgspec.Struct):
+    """An item with its judgements, a list where there are any."""
+
     data: LabeledItem
-    annotations: list[_Annotation]
+    annotations: Any = None
 
 
 def _tasks(path: Path) -> list[_Task]:
@@ -240,13 +244,21 @@ def _tasks(path: Path) -> list[_Task]:
 
 
 def _rows(task: _Task, counts: Counter[str]) -> Iterator[dict[str, Any]]:
-    """The answers of a task. Counts those that are not taken: `skipped`, judgements that were
-    skipped or have no answer; `undefined`, answers to other questions, with other options, or whose
-    end is before their beginning.
+    """The answers of a task. Counts what is not taken: `no_annotations`, tasks without a list of
+    judgements; `no_result`, judgements that are null or have no list of answers; `skipped`,
+    judgements that were skipped or have no answer; `undefined`, answers to other questions, with
+    other options, or whose end is before their beginning.
     """
     asked = {one.name: one for one in KINDS[task.data.kind].questions}
-    for annotation in task.annotations:
-        result = annotation.result if isinstance(annotation.result, list) else []
+    if not isinstance(task.annotations, list):
+        counts["no_annotations"] += 1
+        return
+    for judgement in task.annotations:
+        if not isinstance(judgement, dict) or not isinstance(judgement.get("result"), list):
+            counts["no_result"] += 1
+            continue
+        annotation = msgspec.convert(judgement, _Annotation)
+        result = annotation.result
         # Relations between regions have no name.
         named = [
             (asked.get(str(one.get("from_name"))), one.get("value"))

@@ -32,6 +32,7 @@ from kb.artifacts.parted_build import (
     write_part,
 )
 from kb.artifacts.table_catalog import NO_TABLES, Catalog
+from kb.core import scripts
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.installation import np
@@ -254,7 +255,7 @@ def aliases(keywords: Keywords) -> list[list[str]]:
     first = [phrase(keyword.name) for keyword in keywords.every]
     for form, number in zip(keywords.phrases, keywords.of, strict=True):
         if number != EXCLUDED and form != first[number]:
-            other_forms[number].append(form)
+            other_forms[number].append(scripts.closed(form))
     return [sorted(forms) for forms in other_forms]
 
 

@@ -8,7 +8,7 @@ from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.mcp.documents import from_link
 from kb.mcp.untrusted_text import AnswerPart, Fence, fit
-from kb.search.answers import SearchHit, search, suggest
+from kb.search.answers import SearchHit, search_as_meant
 from kb.search.build import ensure
 from kb.search.ranking import Only
 
@@ -25,13 +25,15 @@ def run_search(
     chosen = [one for one in SOURCES if not sources or one in sources]
     with _BUILDING:
         ensure(run, chosen)
-    answers = search(run.root, words, sources=chosen, only=only, size=size, entity=entity)
+    answers, meant, instead = search_as_meant(
+        run.root, words, sources=chosen, only=only, size=size, entity=entity
+    )
     fence = Fence()
     if not answers:
-        other = suggest(run.root, words, sources=chosen)
-        meant = f"Did you mean {other!r}? " if other else ""
-        return f"No answers. {meant}Try other or fewer words, or fewer filters."
+        return "No answers. Try other or fewer words, or fewer filters."
     count = "1 answer" if len(answers) == 1 else f"{len(answers)} answers"
+    if instead:
+        count = f"Nothing has these words; read as {meant!r}: {count}"
     head = f"{fence.note}\n{count}, best first; `read` with a ref returns the surroundings."
     parts = [_part(number, one) for number, one in enumerate(answers, 1)]
     return fit(fence, head, parts, _left_out, size)

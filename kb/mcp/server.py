@@ -121,11 +121,14 @@ def make(run: Run, readers: Readers) -> Any:
     table_catalog.read(run.root)
 
     class AgentServer(MCPServer):
-        """The SDK's server, with one-line errors for wrong arguments."""
+        """The SDK's server. Null stands for an argument that is left out, as clients send it that
+        fill in every argument; errors for wrong arguments have one line.
+        """
 
         async def call_tool(self, name: str, arguments: dict[str, Any], context: Any = None) -> Any:
+            given = {key: value for key, value in arguments.items() if value is not None}
             try:
-                return await super().call_tool(name, arguments, context)
+                return await super().call_tool(name, given, context)
             except ToolError as error:
                 if isinstance(error.__cause__, ValidationError):
                     raise ToolError(f"{name}: {_wrong_arguments(error.__cause__)}") from None

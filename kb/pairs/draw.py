@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -40,6 +40,7 @@ PAIRS, VIDEOS, README = "pairs.parquet", "videos.txt", "README.md"
 SPLIT = {"test": 0.05, "validation": 0.05, "train": 0.9}
 _SCORES = ("model", "similarity", "margin", "best_offset_s", "static_share", "frames")
 _LABELS = ("visible", "described", "on_time")  # questions about pairs
+_TOLERATED = 0.0201  # that a side's share of the pairs may differ without a word
 _MEMORY = "250MB"  # of DuckDB, which spills what is more
 _NUMBER = "('0x' || pair_id)::UBIGINT"
 
@@ -108,8 +109,7 @@ def chosen_rows(pool: Pool, n: int, limits: Limits, seed: int) -> np.ndarray:
 
 def _places(groups: np.ndarray) -> np.ndarray:
     """The place of each row in its group; equal groups stand side by side."""
-    number = np.arange(len(groups))
-    new = np.ones(len(groups), bool)
+    number, new = np.arange(len(groups)), np.ones(len(groups), bool)
     new[1:] = groups[1:] != groups[:-1]
     return number - np.maximum.accumulate(np.where(new, number, 0))
 
@@ -178,7 +178,7 @@ def draw(
         chosen = chosen_rows(pool, n, limits, seed)
         drawn, out_of = pool.take(chosen), len(pool.id)
         del pool, chosen  # of millions of pairs, while the drawn ones are written
-        sides = _sides(con, catalog, drawn, seed)
+        sides, groups = _sides(con, catalog, drawn, seed)
         counts = Counter(np.array(list(SPLIT))[sides[drawn.video]].tolist())
         of_keyword = np.bincount(drawn.keyword, minlength=len(drawn.keywords))
         of_video = np.bincount(drawn.video, minlength=len(drawn.videos))
@@ -192,6 +192,9 @@ def draw(
             hours=round(float(drawn.seconds.sum()) / 3600, 2),
             **{side: counts[side] for side in ("train", "validation", "test")},
         )
+        remarks = split_remarks(summary, groups)
+        for remark in remarks:
+            run.progress.say(remark)
         if plan:
             return summary
         with replacing_folder(place) as folder:
@@ -203,7 +206,7 @@ def draw(
                 for name, count in zip(drawn.keywords, of_keyword, strict=True)
                 if count
             ]
-            text = _readme(summary, limits, where, seed, drawn_of)
+            text = _readme(summary, limits, where, seed, drawn_of, remarks)
             (folder / README).write_text(text, encoding="utf-8")
     return Summary(summary, path=str(place))
 
@@ -282,7 +285,7 @@ def checked(con: duckdb.DuckDBPyConnection, asked: str, where: str) -> str:
         con.sql(asked)
     except duckdb.Error as error:
         raise UsageError(
-            f"--where {where!r} is not a valid condition: {str(error).splitlines()[0]}",
+            f"--where {where!r} is not a valid condition: {database.one_line(error)}",
             hint="write a condition on the columns of pairs and quality, such as language = 'en'",
         ) from None
     return asked
@@ -330,8 +333,10 @@ def _pool(con: duckdb.DuckDBPyConnection, asked: str) -> Pool:
     return Pool(every, keyword, video, lengths[order], keywords, videos)
 
 
-def _sides(con: duckdb.DuckDBPyConnection, catalog: Catalog, drawn: Pool, seed: int) -> np.ndarray:
-    """The side of each video by its number."""
+def _sides(
+    con: duckdb.DuckDBPyConnection, catalog: Catalog, drawn: Pool, seed: int
+) -> tuple[np.ndarray, int]:
+    """The side of each video by its number, and how many groups the drawn pairs are of."""
     number = {name: place for place, name in enumerate(drawn.videos)}
     first = list(range(len(number)))
 
@@ -361,7 +366,30 @@ def _sides(con: duckdb.DuckDBPyConnection, catalog: Catalog, drawn: Pool, seed: 
         first[high] = low
     weights = np.bincount(drawn.video, minlength=len(first))
     heads = np.array([head(video) for video in range(len(first))], np.int64)
-    return sides_of(weights, heads, seeded_random.video_keys(seed, number))
+    sides = sides_of(weights, heads, seeded_random.video_keys(seed, number))
+    return sides, len(np.unique(heads[weights > 0]))
+
+
+def split_remarks(counts: Mapping[str, int], groups: int) -> list[str]:
+    """What a reader must know of a split: sides without a pair, else shares that miss SPLIT.
+
+    `counts`: pairs of each side; `groups`: how many parts there were that no split may cut.
+    """
+    total = sum(counts[side] for side in SPLIT)
+    sides = sorted(SPLIT, key=lambda side: (-SPLIT[side], side != "validation"))
+    cause = (
+        "a channel, and videos that say nearly the same, stay on one side, and these pairs are of"
+        f" {groups:,} such group{'s' * (groups != 1)}"
+    )
+    remedy = "draw from more channels: more pairs, a looser --where, or a larger --max-videos"
+    if empty := [side for side in sides if not counts[side]]:
+        return [f"no pairs for {' and '.join(empty)}: {cause}; {remedy}"]
+    shares = [counts[side] / total for side in sides]
+    wanted = [SPLIT[side] for side in sides]
+    if np.allclose(shares, wanted, rtol=0, atol=_TOLERATED):
+        return []
+    got, meant = (", ".join(f"{100 * part:.0f}" for part in of) for of in (shares, wanted))
+    return [f"the split is {got} % and not {meant} %: {cause}; {remedy}"]
 
 
 def _write_pairs(
@@ -383,7 +411,12 @@ def _write_pairs(
 
 
 def _readme(
-    summary: Summary, limits: Limits, where: str, seed: int, counts: Sequence[tuple[str, int]]
+    summary: Summary,
+    limits: Limits,
+    where: str,
+    seed: int,
+    counts: Sequence[tuple[str, int]],
+    remarks: Sequence[str],
 ) -> str:
     """What was drawn, and how to go on."""
     most = sorted(counts, key=lambda one: (-one[1], one[0]))
@@ -394,6 +427,7 @@ def _readme(
     }
     limited = ", ".join(f"at most {value:,} {name}" for name, value in named.items() if value)
     rows = "\n".join(f"| {name} | {count:,} |" for name, count in most)
+    noted = "".join(f"\n**{text[0].upper()}{text[1:]}.**\n" for text in remarks)
     return f"""\
 # A draw of {summary["pairs"]:,} pairs
 
@@ -405,7 +439,7 @@ Limits: {limited or "none"}. They are {summary["hours"]:,} hours of {summary["vi
 | train | {summary["train"]:,} |
 | validation | {summary["validation"]:,} |
 | test | {summary["test"]:,} |
-
+{noted}
 A channel is on one side of the split, and so are videos that say nearly the same. `{VIDEOS}` lists
 the videos, those with the most pairs first. With their files in a folder,
 `kb clips --pairs {PAIRS} --videos FOLDER` cuts the clips.

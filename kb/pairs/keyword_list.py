@@ -9,9 +9,11 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
+from kb.core import scripts
 from kb.core.config.profile.products import Pairs
 from kb.core.config.section import (
     ERROR,
@@ -209,6 +211,7 @@ def check_lists(
         findings += _kinds(every)
         findings += _everyday(every)
         findings += _excluded(every, section)
+        findings += _without_spaces(every)
     if advice and not broken:
         findings += _overlapping(every)
     if not broken:
@@ -282,10 +285,29 @@ def _excluded(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
     for place in every if section and section.exclude else ():
         named.setdefault(phrase(place.keyword.name), []).append(place)
     for text in section.exclude if section else ():
-        for form in sorted(forms(phrase(text)) & named.keys()):
+        excluded = {form for each in alternatives(text) for form in forms(phrase(each))}
+        for form in sorted(excluded & named.keys()):
             for place in named[form]:
                 what = f"{place.keyword.name!r} is ruled out by pairs.exclude"
                 yield _at(WARNING, place, what, f"take it out here, or {text!r} there")
+
+
+def _without_spaces(every: list[Placed]) -> Iterator[Finding]:
+    """What matching can't do in scripts that put no spaces between words."""
+    for place in every:
+        form, rule = phrase(place.keyword.name), place.keyword.rule
+        if not any(map(scripts.is_word, form)):
+            continue
+        if len(form) == 1:
+            what = f"{place.keyword.name!r} also counts inside longer words, as no spaces part them"
+            yield _at(
+                WARNING, place, what, "write words of two signs and more, or never as its rule"
+            )
+        if rule.startswith("near") or rule == "topic":
+            what = (
+                f"{rule} counts what stands between two spaces as one word: a whole sentence here"
+            )
+            yield _at(NOTE, place, what, "write always, or never, as its rule")
 
 
 def _overlapping(every: list[Placed]) -> Iterator[Finding]:
@@ -341,6 +363,11 @@ def _listed(places: list[Placed]) -> str:
     names = ", ".join(repr(place.keyword.name) for place in places[:_NAMED])
     more = len(places) - _NAMED
     return f"{names} and {more:,} more" if more > 0 else names
+
+
+def alternatives(text: str) -> list[str]:
+    """Phrases of which a slash parts words: "bed/chest day" is "bed day" and "chest day"."""
+    return [" ".join(words) for words in product(*(word.split("/") for word in text.split()))]
 
 
 def plural(word: str) -> str:

@@ -28,7 +28,16 @@ from kb.core.config.profile import Profile
 from kb.core.config.profile.products import Pairs
 from kb.core.errors import ProfileError
 from kb.core.installation import np
-from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, forms, numbers, read
+from kb.pairs.keyword_list import (
+    COLUMNS,
+    LONGEST,
+    NEVER,
+    Keyword,
+    alternatives,
+    forms,
+    numbers,
+    read,
+)
 from kb.pairs.matching import Matcher, phrase
 
 __all__ = [
@@ -131,7 +140,8 @@ def make(
                 f" {'no word' if not folded else 'too many letters'}"
             )
         every.setdefault(folded, keyword)
-    banned = {form for text in exclude for form in forms(phrase(text)) if form}
+    excluded = (phrase(each) for text in exclude for each in alternatives(text))
+    banned = {form for text in excluded for form in forms(text) if form}
     names = [name for name in every if name not in banned]
     owner: dict[str, int] = {name: index for index, name in enumerate(names)}
     for index, name in enumerate(names):

@@ -1,8 +1,8 @@
 """Matches keywords in UTF-8 text, ignoring case, punctuation and extra spaces.
 
 A word is a run of letters, digits and combining marks; everything else separates words. Invisible
-characters (soft hyphen, joiners, variation selectors) vanish. Scripts that don't write spaces form
-long words; a keyword is found in them only where something separates it.
+characters (soft hyphen, joiners, variation selectors) vanish. In scripts without spaces (Chinese,
+Japanese, Thai, Khmer) each sign is a word, so that a keyword is found wherever its signs stand.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from ahocorasick_rs import BytesAhoCorasick, Implementation
 
+from kb.core import scripts
 from kb.core.installation import np
 
 WALL = 0xFF  # between texts: no byte of UTF-8, so no phrase reaches across
@@ -52,7 +53,7 @@ def phrase(text: str) -> str:
     out = b"".join(
         bytes([ASCII[ord(char)]]) if ord(char) < 0x80 else character(char) for char in text
     )
-    return " ".join(out.replace(bytes([_GONE]), b"").decode().split())
+    return " ".join(scripts.words(out.replace(bytes([_GONE]), b"").decode()))
 
 
 class Folded:
@@ -60,7 +61,7 @@ class Folded:
 
     def __init__(self, raw: bytes) -> None:
         codes = np.frombuffer(bytearray(raw.translate(ASCII)), np.uint8)
-        _fold_wide(codes)
+        begins, ends = _fold_wide(codes)
         dropped = codes == _GONE
         kept = np.flatnonzero(~dropped) if dropped.any() else slice(None)
         space = codes[kept] == 0x20  # invisible characters don't part a run of spaces
@@ -69,25 +70,39 @@ class Folded:
         places = np.flatnonzero(dropped)
         # Where each dropped byte would be in the folded text.
         self._before = places - np.arange(len(places))
-        self.bytes: bytes = codes[~dropped].tobytes()
+        codes = codes[~dropped]
+        # A space on both sides of each sign that is a word, where there is none.
+        begins, ends = (at - np.searchsorted(places, at) for at in (begins, ends))
+        ends = np.setdiff1d(ends, begins)
+        spaces = np.union1d(begins[codes[begins - 1] != 0x20], ends[codes[ends] != 0x20])
+        self._added = spaces + np.arange(len(spaces))
+        self.bytes: bytes = (np.insert(codes, spaces, 0x20) if len(spaces) else codes).tobytes()
 
     def origin(self, positions: np.ndarray) -> np.ndarray:
-        """Positions in the buffer of positions in `bytes`."""
+        """Positions in the buffer of positions in `bytes`, none of them an added space."""
+        positions = positions - np.searchsorted(self._added, positions)
         return positions + np.searchsorted(self._before, positions, "right")
 
 
-def _fold_wide(codes: np.ndarray) -> None:
-    """Fold characters of two to four bytes in place, each different one once."""
+def _fold_wide(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fold characters of two to four bytes in place, each different one once. Returns where signs
+    of scripts without spaces begin, and the bytes behind them, both in order.
+    """
+    begins = [np.zeros(0, np.int64)]
+    ends = [np.zeros(0, np.int64)]
     leads = np.flatnonzero((codes >= 0xC2) & (codes != WALL))
     first = codes[leads]
     size = np.where(first >= 0xF0, 4, np.where(first >= 0xE0, 3, 2))
     for length in (2, 3, 4):
         places = leads[size == length][:, None] + np.arange(length)
         characters, which = np.unique(codes[places], axis=0, return_inverse=True)
-        folded = b"".join(
-            character(one.tobytes().decode("utf-8", "replace")[:1]) for one in characters
-        )
+        texts = [one.tobytes().decode("utf-8", "replace")[:1] for one in characters]
+        folded = b"".join(map(character, texts))
         codes[places] = np.frombuffer(folded, np.uint8).reshape(-1, length)[which]
+        signs = np.array([scripts.is_word(one) for one in texts], bool)
+        begins.append(places[signs[which], 0])
+        ends.append(places[signs[which], 0] + length)
+    return np.sort(np.concatenate(begins)), np.sort(np.concatenate(ends))
 
 
 class KeywordMatches(NamedTuple):

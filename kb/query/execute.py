@@ -29,7 +29,7 @@ from kb.query.views import connect, find_views
 from kb.schema.tables import tables
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.damage import unreadable
-from kb.store.tables import checksums
+from kb.store.tables import checksums, database
 from kb.store.tables.reading import broken
 
 _TABLE = re.compile(r'Table with name "?([^"!]+?)"? does not exist')
@@ -60,28 +60,17 @@ def unknown_name(
             [sorted(set(re.findall(r"\w+", sql)))],
         )
         near = similar(missing[1], [name for (name,) in columns.fetchall()])
-        return UsageError(f"{one_line(error)}.{did_you_mean(near)}", hint=_LISTS)
+        return UsageError(f"{database.one_line(error)}.{did_you_mean(near)}", hint=_LISTS)
     return None
 
 
 def similar(name: str, names: Iterable[str]) -> list[str]:
     """The most similar names, at most three; none much less similar than the first."""
-    by_lower = {one.lower(): one for one in names}
+    by_lower = {candidate.lower(): candidate for candidate in names}
     near = difflib.get_close_matches(name.lower(), by_lower, 3)
-    ratios = [difflib.SequenceMatcher(None, one, name.lower()).ratio() for one in near]
-    return [
-        by_lower[one] for one, ratio in zip(near, ratios, strict=True) if ratio > ratios[0] - 0.1
-    ]
-
-
-def one_line(error: Exception) -> str:
-    """DuckDB's message without the excerpt of the query, and with three suggestions at most."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    if not lines:
-        return type(error).__name__
-    starts = ("Did you mean", "Candidate bindings", "Candidate functions", "Candidate Entries")
-    guesses = [line for line in lines[1:] if line.startswith(starts) and "duckdb_" not in line]
-    return " ".join([lines[0], *(", ".join(line.split(", ")[:3]) for line in guesses)])
+    ratios = [difflib.SequenceMatcher(None, candidate, name.lower()).ratio() for candidate in near]
+    rated = zip(near, ratios, strict=True)
+    return [by_lower[candidate] for candidate, ratio in rated if ratio > ratios[0] - 0.1]
 
 
 def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path | None) -> KbError:
@@ -90,9 +79,9 @@ def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path |
         [list(SCHEMAS)],
     ).fetchall()
     schema, _, short = name.rpartition(".")
-    full = [f"{one}.{view}" for one, view in views]
+    full = [f"{group}.{view}" for group, view in views]
     if schema:
-        near = [one for one in full if one.endswith(f".{short}")] or similar(name, full)
+        near = [view for view in full if view.endswith(f".{short}")] or similar(name, full)
     else:
         near = similar(name, {view for _, view in views})
     message = message.partition(" because ")[0].rstrip("!")
@@ -107,7 +96,8 @@ def _made_by(short: str, schema: str) -> str:
     """The commands that make a declared table without files."""
     if schema == "restored":
         return "`kb reddit reconstruct` makes it"
-    known = {view_name(one): one.source for one in tables().values() if one.source in PUBLISHED}
+    declared = (table for table in tables().values() if table.source in PUBLISHED)
+    known = {view_name(table): table.source for table in declared}
     if short not in known:
         return ""
     source = known[short]
@@ -149,7 +139,7 @@ def select(
     if views is None:
         views = list(find_views(root.absolute())) if root else []
     try:
-        statements.check(con, sql)
+        statements.require_query(con, sql)
         _check(statements.views_read(sql, views), progress or Progress())
         with reading_views(views):
             relation = con.sql(sql)
@@ -194,7 +184,7 @@ def _batches(
 
 def _problem(error: Exception, views: Sequence[View]) -> KbError:
     """The error for a query that DuckDB failed to run: a damaged file, or a wrong query."""
-    line = one_line(error)
+    line = database.one_line(error)
     files = [path for view in views for path in view.files]
     named = [path for path in files if str(path) in str(error)]
     # A wrong query's error has a kind ("Binder Error: …"); the Parquet reader's has none.
@@ -249,7 +239,7 @@ def run_isolated(
     """
     query = IsolatedQuery(
         sql,
-        [(one.schema, one.name, one.files) for one in views],
+        [(view.schema, view.name, view.files) for view in views],
         rows,
         characters,
         cell,
@@ -306,7 +296,7 @@ def _reply(query: IsolatedQuery, limits: Limits) -> QueryReply:
             lines = as_csv(reader, query.cell)
             return QueryReply(*_first(lines, query.rows + 1, query.characters))
     except KbError as error:
-        kind = next(one.__name__ for one in type(error).__mro__ if one.__module__.startswith("kb."))
+        kind = next(own.__name__ for own in type(error).__mro__ if own.__module__.startswith("kb."))
         return QueryReply(error=str(error), hint=error.hint, kind=kind)
     except MemoryError:
         return QueryReply(error="the query needs too much memory", kind=FatalError.__name__)

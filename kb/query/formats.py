@@ -47,7 +47,7 @@ def as_table(answer: pa.RecordBatchReader) -> Iterator[str]:
     right = [is_number(field.type) for field in answer.schema]
     widths = [max(map(cell_len, column)) for column in zip(head, *shown, strict=True)]
     for cells in (head, ["-" * width for width in widths], *shown):
-        spaces = [" " * (width - cell_len(one)) for one, width in zip(cells, widths, strict=True)]
+        spaces = [" " * (width - cell_len(cell)) for cell, width in zip(cells, widths, strict=True)]
         aligned = (
             space + cell if is_right else cell + space
             for cell, space, is_right in zip(cells, spaces, right, strict=True)
@@ -104,7 +104,7 @@ def as_csv(answer: pa.RecordBatchReader, limit: int | None = None) -> Iterator[s
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     for row in itertools.chain([answer.schema.names], rows(answer)):
-        writer.writerow(map(_plain, row) if limit is None else [_cut(one, limit) for one in row])
+        writer.writerow(_plain(value) if limit is None else _cut(value, limit) for value in row)
         yield buffer.getvalue()
         buffer.seek(0)
         buffer.truncate()
@@ -246,7 +246,7 @@ def choose(given: str | None, out: Path | None) -> str:
     return given or SUFFIXES.get(out.suffix.lower(), "table")
 
 
-def write(answer: pa.RecordBatchReader, format: str, out: Path | None) -> None:
+def write_answer(answer: pa.RecordBatchReader, format: str, out: Path | None) -> None:
     """Write every row. A file is replaced atomically, and links are followed.
 
     A table on a terminal is DuckDB's box. Raises UsageError if Parquet can't hold a column.

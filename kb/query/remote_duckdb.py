@@ -63,7 +63,7 @@ class RemoteFiles(AbstractFileSystem):  # type: ignore[misc]  # fsspec has no ty
     def addresses(self) -> set[str]:
         return {*self._files}
 
-    def add(self, folder: RemoteFolder, name: str) -> str:
+    def add_file(self, folder: RemoteFolder, name: str) -> str:
         """The address by which DuckDB reads a file of a folder."""
         address = f"{SCHEME}://{len(self._files)}/{name}"
         self._files[address] = _RemoteFile(folder, name)

@@ -55,7 +55,7 @@ def views_read(sql: str, views: Sequence[View]) -> list[View]:
     return read
 
 
-def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
+def require_query(con: duckdb.DuckDBPyConnection, sql: str) -> None:
     """Raise UsageError for anything but one query. DuckDB's syntax errors pass through."""
     kinds = duckdb.StatementType
     statements = con.extract_statements(sql)
@@ -87,7 +87,7 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
                 at, word = next(words, (0, ""))
             at, word = next(words, (0, ""))
         if at:
-            check(con, sql.encode()[at:].decode())
+            require_query(con, sql.encode()[at:].decode())
             return
     name = first.upper() if kind in (None, kinds.MULTI) else kind.name
     raise UsageError(

@@ -88,7 +88,7 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteF
         con.register_filesystem(system)
     for view in views:
         if view.remote is not None:
-            files = [system.add(view.remote.folder, name) for name in view.remote.names]
+            files = [system.add_file(view.remote.folder, name) for name in view.remote.names]
             with reading_views([view]):
                 con.execute(f"CREATE VIEW {view.full} AS FROM {scan(files)}")
             continue

@@ -22,15 +22,15 @@ def document(tables: OpenTables, place: SourceLocation) -> AgentDocument:
     ]
     above: list[int] = []
     parents: list[list[int]] = [[]]
-    for level, one in thread.walk():
+    for level, comment in thread.walk():
         del above[level:]
         parents.append([*above])
         above.append(len(parts))
-        score = "" if one.score is None else f", score {one.score}"
-        label = f"comment, level {level + 1}{score}, {one.created_utc.date()}"
-        at = SourceLocation("reddit", key, one.comment_id)
-        text = _text(one.body, one.missing)
-        parts.append(DocumentPart(at, label, f"{url}_/{one.comment_id}/", text))
+        score = "" if comment.score is None else f", score {comment.score}"
+        label = f"comment, level {level + 1}{score}, {comment.created_utc.date()}"
+        at = SourceLocation("reddit", key, comment.comment_id)
+        text = _text(comment.body, comment.missing)
+        parts.append(DocumentPart(at, label, f"{url}_/{comment.comment_id}/", text))
     numbers = {part.place.at: number for number, part in enumerate(parts)}
     if place.at not in numbers:
         raise UsageError(f"post {key} has no comment {place.at[:40]!r}", hint=f"read reddit:{key}")

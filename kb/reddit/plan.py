@@ -8,10 +8,10 @@ from pathlib import Path
 from kb.core.config.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.summary import Summary
-from kb.core.summary.plan import PlanPhase, plan, to_read
+from kb.core.summary.plan import NOTHING_NEW, PlanPhase, plan, to_read
 from kb.reddit.crawl.client import LISTED, ROOT
 from kb.reddit.crawl.ids import Ids, asked_for
-from kb.reddit.crawl.reduce import PAGES
+from kb.reddit.crawl.reduce import PAGES, PAYLOADS, is_by_time, listings
 from kb.reddit.crawl.refresh import due, oldest_due
 from kb.reddit.crawl.subreddit import IDS
 from kb.reddit.dumps.files import find_dumps
@@ -20,6 +20,7 @@ from kb.reddit.section import RedditSection
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier
 from kb.store.tables import reading
 
 # Used only where this data root has nothing to measure.
@@ -34,16 +35,17 @@ def plan_crawl(run: Run) -> Summary:
     """Listings, posts and requests that are left, by what this data root shows or by assumption."""
     kinds: dict[str, dict[str, int]] = {}
     path = Layout(run.root).state("reddit")
-    if path.is_file():
-        with reading.state(path) as frontier:
-            kinds = frontier.kinds()
     section = run.profile.section(RedditSection)
-    spans = sum(name in ("top", "controversial") for name in section.listings)
-    every = len(section.listings) + spans * (len(section.spans) - 1) + len(section.search)
-    listings = to_read(kinds, "listing") if kinds.get("listing") else every
-    pages, assumed = listings * PAGES, []
+    if path.is_file():
+        with reading.state(path, PAYLOADS) as frontier:
+            kinds = frontier.kinds()
+            if run.again and kinds and not frontier.ready("listing"):
+                return _next_round(run, frontier, section, kinds)
+    every = len(listings(section))
+    lists = to_read(kinds, "listing") if kinds.get("listing") else every
+    pages, assumed = lists * PAGES, []
     fresh = round(pages * LISTED * NEW_A_LISTING)
-    if listings:
+    if lists:
         assumed.append(f"{PAGES} pages a listing, {NEW_A_LISTING:.0%} of their posts new")
     posts = to_read(kinds, "tree") + fresh
     done = kinds.get("tree", {}).get("done", 0)
@@ -52,16 +54,38 @@ def plan_crawl(run: Run) -> Summary:
     size = BYTES_A_POST
     if done:
         segments = rawlog.segments(run.root, "reddit", "comments")
-        size = max(1, sum(one.stat().st_size for one in segments) // done)
+        size = max(1, sum(segment.stat().st_size for segment in segments) // done)
     elif posts:
         assumed.append(f"{REQUESTS_A_POST:g} requests and {BYTES_A_POST // 1000} kB a post")
     asked = round(posts * each) + math.ceil(to_read(kinds, "more") / IDS)
     asked += to_read(kinds, "thread")
     phases = [
-        PlanPhase("listings", listings, requests=pages, hours=_hours(run, pages)),
+        PlanPhase("listings", lists, requests=pages, hours=_hours(run, pages)),
         PlanPhase("posts", posts, requests=asked, hours=_hours(run, asked), gb=posts * size / 1e9),
     ]
     return Summary(plan("reddit crawl", "reddit", phases, assumed))
+
+
+def _next_round(
+    run: Run, frontier: Frontier, section: RedditSection, kinds: dict[str, dict[str, int]]
+) -> Summary:
+    """What a new round asks for where nothing is new: the pages of each listing, of those by time
+    the first one; and what was left.
+    """
+    names = listings(section)
+    known = {key: last for key, _, _, last in frontier.items("listing") if last is not None}
+    pages = sum(
+        1 if is_by_time(name) and known[name].newest else known[name].pages
+        for name in names
+        if name in known
+    ) + PAGES * sum(name not in known for name in names)
+    parts = math.ceil(to_read(kinds, "more") / IDS)
+    asked = to_read(kinds, "tree") + to_read(kinds, "thread") + parts
+    phases = [
+        PlanPhase("listings", len(names), requests=pages, hours=_hours(run, pages)),
+        PlanPhase("posts", to_read(kinds, "tree"), requests=asked, hours=_hours(run, asked)),
+    ]
+    return Summary(plan("reddit crawl", "reddit", phases, [NOTHING_NEW]))
 
 
 def plan_refresh(run: Run, older_than: int | None = None) -> Summary:

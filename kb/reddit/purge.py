@@ -104,12 +104,12 @@ BASES = (BELOW.clean("reddit"), *REBUILT)
 
 def read_list(path: Path, say: Callable[[str], None] | None = None) -> IdList:
     """The full names that a list names; a bare id is a post. Raises SettingError."""
-    listed = IDS.read_some(path, say)
+    listed = IDS.some_ids_in(path, say)
     names = (key if key[:3] in ("t1_", "t3_") else f"t3_{key}" for key in listed.keys)
     return listed._replace(keys=list(dict.fromkeys(names)))
 
 
-def find(purge: Purge) -> dict[str, str]:
+def find_lost(purge: Purge) -> dict[str, str]:
     """What the user named, and keys with reason `deleted`, `removed`, `missing`, or `post` for
     comments of posts that are removed.
     """
@@ -190,7 +190,7 @@ RULES = PurgeRules(
         *shared_locations("reddit"),
     ),
     answers=AnswerRules(texts=texts, strip=strip_names, repeats=crossposts),
-    find=find,
+    find=find_lost,
     forget=forget,
     people=PEOPLE,
 )

@@ -29,7 +29,7 @@ from kb.look.charts import (
 )
 from kb.look.headings import reading
 from kb.reader.thread import reading_order
-from kb.report.data import FULL_NAMES, ReportData
+from kb.report.data import ReportData
 from kb.report.figures import dates, funnel, logarithmic, toxicity, values
 from kb.report.word_cloud import words
 
@@ -91,7 +91,7 @@ def _nodes(data: ReportData, post_id: str) -> list[tuple[int, int | None, str, b
         " WHERE post_id = ? ORDER BY score DESC NULLS LAST, comment_id",
         post_id,
     )
-    root = f"{FULL_NAMES[_POSTS]}{post_id}"
+    root = f"t3_{post_id}"
     there = {root, *(name for name, *_ in rows)}
     lost = {parent for _, parent, *_ in rows if parent not in there}
     dropped = data.rows(

@@ -35,14 +35,14 @@ def documents(files: Mapping[str, str], subreddit: str) -> Iterator[TextDocument
     with parquet.open_file(Path(files["reddit/posts"])) as file:
         for batch in file.iter_batches(columns=list(_POST)):
             for post in batch.to_pylist():
-                options = "\n".join(f"- {one}" for one in post["poll_options"] or ())
-                own = [one for one in (post["body"], options) if one and one.strip()]
+                options = "\n".join(f"- {option}" for option in post["poll_options"] or ())
+                own = [text for text in (post["body"], options) if text and text.strip()]
                 more = ("type", "score", "num_comments", "comments_released", "source_url")
                 yield TextDocument(
                     post["post_id"],
                     post["title"] or "",
                     [
-                        *(TextPiece(one.strip("\n")) for one in own),
+                        *(TextPiece(text.strip("\n")) for text in own),
                         *thread(post["post_id"], comments.get(post["post_id"], [])),
                     ],
                     post["fetched_at"],
@@ -57,26 +57,28 @@ def documents(files: Mapping[str, str], subreddit: str) -> Iterator[TextDocument
 
 def thread(post: str, comments: list[Row]) -> Iterator[TextPiece]:
     """The comments of a post, each after what it answers, by time."""
-    there = {one["comment_id"] for one in comments}
+    there = {comment["comment_id"] for comment in comments}
     replies: dict[str, list[Row]] = {}
     absent: dict[str, int] = {}  # what is not there → its depth
-    for one in sorted(comments, key=lambda one: (one["created_utc"], one["comment_id"])):
-        kind, _, parent = one["parent_id"].partition("_")
-        replies.setdefault("" if kind == "t3" or parent == post else parent, []).append(one)
+    for comment in sorted(
+        comments, key=lambda comment: (comment["created_utc"], comment["comment_id"])
+    ):
+        kind, _, parent = comment["parent_id"].partition("_")
+        replies.setdefault("" if kind == "t3" or parent == post else parent, []).append(comment)
         if kind != "t3" and parent not in there and parent != post:
-            absent.setdefault(parent, max((one["depth"] or 1) - 1, 0))
+            absent.setdefault(parent, max((comment["depth"] or 1) - 1, 0))
     passed: set[str] = set()
 
     def below(parent: str, depth: int) -> Iterator[TextPiece]:
-        waiting = [(one, depth) for one in reversed(replies.get(parent, ()))]
+        waiting = [(reply, depth) for reply in reversed(replies.get(parent, ()))]
         while waiting:
-            one, level = waiting.pop()
-            if one["comment_id"] in passed:
+            comment, level = waiting.pop()
+            if comment["comment_id"] in passed:
                 continue
-            passed.add(one["comment_id"])
-            yield _item(one["body"], level, begins=True)
-            under = replies.get(one["comment_id"], ())
-            waiting += [(each, level + 1) for each in reversed(under)]
+            passed.add(comment["comment_id"])
+            yield _item(comment["body"], level, begins=True)
+            under = replies.get(comment["comment_id"], ())
+            waiting += [(reply, level + 1) for reply in reversed(under)]
 
     yield from below("", 0)
     for parent, depth in absent.items():
@@ -84,16 +86,17 @@ def thread(post: str, comments: list[Row]) -> Iterator[TextPiece]:
             yield _item(UNKNOWN, level, begins=not level)
         yield _item(GONE, depth, begins=not depth)
         yield from (
-            one._replace(begins=bool(number)) for number, one in enumerate(below(parent, depth + 1))
+            item._replace(begins=bool(number))
+            for number, item in enumerate(below(parent, depth + 1))
         )
-    for one in comments:  # that answer each other in a circle
-        if one["comment_id"] not in passed:
-            yield _item(one["body"], 0, begins=True)
+    for comment in comments:  # that answer each other in a circle
+        if comment["comment_id"] not in passed:
+            yield _item(comment["body"], 0, begins=True)
 
 
 def _item(body: str, depth: int, begins: bool) -> TextPiece:
     indent = "  " * (depth + 1)
     lines = [f"{indent}{line}" if line.strip() else "" for line in body.strip("\n").split("\n")]
     return TextPiece(
-        f"{'  ' * depth}- {lines[0].lstrip()}" + "".join(f"\n{one}" for one in lines[1:]), begins
+        f"{'  ' * depth}- {lines[0].lstrip()}" + "".join(f"\n{line}" for line in lines[1:]), begins
     )

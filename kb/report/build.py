@@ -55,7 +55,7 @@ _LONGEST = 160  # letters of a cell
 _COLUMNS = 3  # of figures beside each other, on a wide screen
 _PER_LINE = 58  # letters of a caption
 _DAYS = 60  # the last ones, when there are more
-_COLORS = {"youtube": RED, "wiki": GREEN, "reddit": BLUE}
+_COLORS = {"red": RED, "green": GREEN, "blue": BLUE}
 
 
 @dataclass
@@ -297,7 +297,7 @@ def _services(run: Run, data: ReportData) -> ReportSection:
             _title(*place),
             sum(requests for _, requests, _ in days),
             max(requests for _, requests, _ in days),
-            sum(units for _, _, units in days) if place[0] == "youtube" else None,
+            sum(units for _, _, units in days) if SOURCES[place[0]].counts_units else None,
             days[0][0],
             days[-1][0],
         )
@@ -339,14 +339,16 @@ def _notes(run: Run) -> list[str]:
 
 
 def quota(data: ReportData, profile: Profile) -> Figure | None:
-    """Units of YouTube's quota, or requests of the others, over days; one panel a limit."""
+    """Units of a quota, or requests where there is none, over days; one panel a limit."""
     ledger = data.ledgers()
     if not ledger:
         return None
     days = sorted({day for _, day, _, _, _ in ledger})[-_DAYS:]
     buckets = sorted({(source, bucket) for source, _, bucket, _, _ in ledger})
     in_units = {  # the others' ledgers count a request as a unit
-        (source, bucket) for source, _, bucket, _, units in ledger if units and source == "youtube"
+        (source, bucket)
+        for source, _, bucket, _, units in ledger
+        if units and SOURCES[source].counts_units
     }
     rows = [
         (day, _label(source, bucket), units if (source, bucket) in in_units else requests)
@@ -363,7 +365,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
             [spent.get(day, 0) for day in days],
             x="day (UTC)" if last else "",
             y=unit,
-            color=_COLORS.get(place[0], GREY),
+            color=_COLORS.get(SOURCES[place[0]].color, GREY),
             axes=axes,
             labels=4,
         )
@@ -375,8 +377,8 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
     return Figure(
         "quota",
         "What the services were asked",
-        "Spent a day, each service and limit on a scale of its own: units of YouTube's quota, "
-        "requests elsewhere.",
+        "Spent a day, each service and limit on a scale of its own: units of a quota, requests"
+        " where there is none.",
         "Bars by day, one panel for each service and limit; in all " + ", ".join(sums) + ".",
         saved(sheet),
         ("day", "bucket", "spent"),

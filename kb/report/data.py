@@ -6,14 +6,13 @@ Only aggregates and a few sample rows are held in memory, whatever the size of t
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Self
 
 import pyarrow as pa
 
 from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
-from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.sources import SOURCES
 from kb.core.summary import remaining
 from kb.look.headings import reading as in_words
 from kb.schema import table, tables
@@ -21,20 +20,14 @@ from kb.store.layout import Layout
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan, state
 
-_NO_STAGES = {"reddit/posts": {"post"}, "reddit/comments": {"nsfw", "score"}}  # of the source's
 _PERIODS = 72
 _STEPS = {"day": "%Y-%m-%d", "month": "%Y-%m", "year": "%Y", "decade": "%Ys", "century": "%Y"}
-FULL_NAMES = {"reddit/posts": "t3_", "reddit/comments": "t1_"}  # one rejected table holds both
 
 
-@dataclass(frozen=True)
-class Channels:
-    """Whose the videos are: (title, videos) of the largest channels; `half`: how many have half."""
-
-    videos: int
-    channels: int
-    half: int
-    largest: list[tuple[str, int]]
+def _prefix(name: str) -> str:
+    """What keys of a table begin with in the rejected table of its source, which holds them all."""
+    source, _, short = name.partition("/")
+    return SOURCES[source].tables.get(short, "")
 
 
 class ReportData:
@@ -144,33 +137,14 @@ class ReportData:
 
     def dropped_scores(self, name: str, edges: Sequence[float]) -> list[int]:
         """Rows that the toxicity stage dropped, by the score that it dropped them for."""
-        where = f"stage = 'toxicity' AND starts_with(key, '{FULL_NAMES.get(name, '')}')"
+        where = f"stage = 'toxicity' AND starts_with(key, '{_prefix(name)}')"
         value = f"CASE WHEN {where} THEN TRY_CAST(value AS FLOAT) END"
         return self.histogram(f"{name.partition('/')[0]}/rejected", value, edges)
-
-    def channels(self, n: int) -> Channels | None:
-        """The `n` channels with most videos, and how many there are; None when none is named."""
-        sums = self.rows(
-            "youtube/videos",
-            "WITH c AS (SELECT count(*) AS n FROM {t} WHERE channel_id IS NOT NULL"
-            " GROUP BY channel_id), s AS (SELECT n, sum(n) OVER () AS whole, sum(n) OVER"
-            " (ORDER BY n DESC ROWS UNBOUNDED PRECEDING) - n AS before FROM c)"
-            " SELECT sum(n), count(*), count(*) FILTER (before * 2 < whole) FROM s",
-        )
-        if not sums or not sums[0][0]:
-            return None
-        largest = self.rows(
-            "youtube/videos",
-            "SELECT coalesce(min(channel_title), channel_id), count(*) AS n FROM {t}"
-            " WHERE channel_id IS NOT NULL GROUP BY channel_id"
-            f" ORDER BY n DESC, channel_id LIMIT {n}",
-        )
-        return Channels(int(sums[0][0]), sums[0][1], sums[0][2], largest)
 
     def funnel(self, name: str) -> list[tuple[str, int, int]]:
         """(step, rows left, rows dropped) from "crawled" to "kept"; [] if nothing was filtered."""
         source = name.partition("/")[0]
-        prefix = FULL_NAMES.get(name, "")
+        prefix = _prefix(name)
         dropped, failed, pending = (
             dict(
                 self.rows(
@@ -182,7 +156,8 @@ class ReportData:
             for kind, column in (("rejected", "stage"), ("failed", "reason"), ("pending", "reason"))
         )
         kept = self.count(name)
-        order = [one for one in PUBLISHED[source].stages if one not in _NO_STAGES.get(name, ())]
+        of, short = SOURCES[source], name.partition("/")[2]
+        order = [stage for stage in of.stages if stage not in of.elsewhere.get(short, ())]
         stages = dict.fromkeys(order, 0) | dict(sorted(dropped.items()))
         steps = [(in_words("shared/rejected", "stage", stage), n) for stage, n in stages.items()]
         ends = {"failed": sum(failed.values()), "pending": sum(pending.values())}
@@ -221,7 +196,7 @@ class ReportData:
 
     def newest(self) -> str:
         """The newest time at which anything was read, as text; empty when unknown."""
-        names = ("youtube/videos", "wiki/pages", "reddit/posts", "reddit/comments")
+        names = [f"{source}/{short}" for source, of in SOURCES.items() for short in of.tables]
         moments = [
             row[0]
             for name in names

@@ -162,7 +162,9 @@ def _watched(path: Path, ticks: np.ndarray, model: ClipModel) -> tuple[np.ndarra
     still = np.zeros(len(ticks), bool)
     batch: list[np.ndarray] = []
     before: np.ndarray | None = None
-    for number, image in enumerate(frames_at(path, times, model.size, model.fit)):
+    black = np.zeros((*model.size, 3), np.uint8)  # what a player shows before the picture begins
+    for number, frame in enumerate(frames_at(path, times, model.size, model.fit)):
+        image = black if frame is None else frame
         if before is not None:
             apart = np.abs(image.astype(np.int16) - before).mean()
             still[number - 1] = apart < STILL

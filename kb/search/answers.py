@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from difflib import SequenceMatcher, get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import pyarrow.parquet as pq
@@ -16,8 +16,8 @@ from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.search.passage import Passage
-from kb.search.query import clean, is_asking, question
-from kb.search.ranking import IndexedTerm, Only, Ranked, Weights, rank
+from kb.search.query import clean
+from kb.search.ranking import IndexedTerm, Only, Ranked, Weights, rank, understood
 from kb.search.tantivy_index import PassageIndex
 from kb.store.layout import Layout
 from kb.store.tables import parquet
@@ -73,8 +73,8 @@ def search(
     for and don't follow clean/; NotIndexed where an index does not; DamagedData for what can't be
     read.
     """
-    asked = question(words)
     indexes = {source: _opened(root, source) for source in usable(root, sources or tuple(SOURCES))}
+    asked = understood(indexes, words)
     weights = Weights(indexes, asked)
     linked = restrict(root, entity, list(indexes)) if entity else None
     return [
@@ -83,20 +83,38 @@ def search(
     ]
 
 
+class Meant(NamedTuple):
+    """`suggestion`: a nearer spelling of the words, "" for none; `instead`: as nothing has the
+    words themselves, these are the answers to it.
+    """
+
+    answers: list[SearchHit]
+    suggestion: str
+    instead: bool
+
+
+def search_as_meant(root: Path, words: str, *, sources: Sequence[str] = (), **asked: Any) -> Meant:
+    """The best answers; where there are none those to the suggestion. Raises as `search`."""
+    answers = search(root, words, sources=sources, **asked)
+    suggestion = suggest(root, words, sources=sources)
+    if answers or not suggestion:
+        return Meant(answers, suggestion, instead=False)
+    return Meant(search(root, suggestion, sources=sources, **asked), suggestion, instead=True)
+
+
 def suggest(root: Path, words: str, *, sources: Sequence[str] = ()) -> str:
     """The query with each word that no passage has in its nearest spelling that some have; "" where
     every word is known, one has nothing near, or that has no answers either. The first letter of a
     word is taken as typed; what only asks ("how do I make") is left as it is. Raises as `search`.
     """
-    usable_sources = usable(root, sources or tuple(SOURCES))
-    indexes = {source: _opened(root, source) for source in usable_sources}
-    text = clean(words)
+    indexes = {source: _opened(root, source) for source in usable(root, sources or tuple(SOURCES))}
+    text, asked = clean(words), understood(indexes, words)
     for word in {
         word
-        for term in question(words).terms
+        for term in asked.terms
         if not term.prefix
         for word in term.text.split()
-        if not is_asking(word)
+        if not asked.is_asking(word)
     }:
         known = any(
             min(map(one.frequency, one.analyzer.analyze(word)), default=1)
@@ -108,7 +126,7 @@ def suggest(root: Path, words: str, *, sources: Sequence[str] = ()) -> str:
             text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", other, text)
     if text == clean(words):
         return ""
-    asked = question(text)
+    asked = understood(indexes, text)
     return text if rank(indexes, asked, Weights(indexes, asked), Only(limit=1)) else ""
 
 
@@ -171,8 +189,8 @@ def usable(root: Path, sources: Sequence[str]) -> list[str]:
 def _opened(root: Path, source: str) -> PassageIndex:
     index.check(root, source)
     known = index.known(root, source)
-    stemmer = str(known.figures["stemmer"]) if known is not None else ""
-    return PassageIndex(index.folder(root, source), stemmer)
+    language = str(known.figures["language"]) if known is not None else ""
+    return PassageIndex(index.folder(root, source), language)
 
 
 def _answer(

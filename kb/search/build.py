@@ -18,7 +18,6 @@ from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.search import tantivy_index
 from kb.search.passage import Passage
-from kb.search.tantivy_index import STEMMERS
 
 Passages = Callable[[Profile, Path], Iterator[Passage]]
 
@@ -63,15 +62,15 @@ def follow(run: Run, source: str, passages: Passages) -> Summary:
         if (count := _passages(run, source)) is not None:
             return Summary(passages=count, indexed=[])
         inputs = texts.inputs(root, name)
-        stemmer = STEMMERS.get(run.profile.language, "")
+        language = run.profile.language
         settings = freshness.settings(run, name)
         with (
             run.progress.task(f"index {source}", unit="passages") as task,
             manifest.replacing(home, name, inputs=inputs, settings=settings) as fresh,
         ):
             texts_of = passages(run.profile, root)
-            count = tantivy_index.write(fresh.folder, stemmer, texts_of, task.advance)
-            fresh.figures = {"passages": count, "stemmer": stemmer}
+            count = tantivy_index.write(fresh.folder, language, texts_of, task.advance)
+            fresh.figures = {"passages": count, "language": language}
     return Summary(passages=count, indexed=[source])
 
 

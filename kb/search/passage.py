@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 from kb.artifacts.table_catalog import Catalog
+from kb.core import scripts
 from kb.schema import table
 from kb.store.tables import parquet
 from kb.store.tables.merge import Merge
@@ -93,13 +94,12 @@ def pieces(lines: Iterable[str], most: int = MOST_WORDS) -> Iterator[str]:
     pending: list[str] = []
     count = 0
     for line in lines:
-        words = line.split()
-        for at in range(0, max(len(words), 1), most):
-            part = words[at : at + most]
-            if pending and count + len(part) > most:
+        divided = scripts.parts(line, most)
+        for part, words in divided if len(divided) > 1 else [(line, sum(n for _, n in divided))]:
+            if pending and count + words > most:
                 yield "\n".join(pending)
                 pending, count = [], 0
-            pending.append(line if len(words) <= most else " ".join(part))
-            count += len(part)
+            pending.append(part)
+            count += words
     if pending:
         yield "\n".join(pending)

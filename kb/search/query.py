@@ -1,7 +1,8 @@
 """Parses a search query.
 
     wolf tame       either word, the more and the rarer the better; words that only make a
-                    sentence ("how", "the") count where nothing else is asked for
+                    sentence in the profile's language ("how", "the"; "wie", "der") count where
+                    nothing else is asked for
     "bed rock"      these words side by side; an answer has to have them
     +wolf  -dog     has to have it; must not have it
     craft*          words that begin like this
@@ -12,38 +13,35 @@ columns mean nothing here. Only a text without a word to look for is an error.
 
 import re
 import unicodedata
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from typing import NamedTuple
 
+from stop_words import LANGUAGE_MAPPING, get_stop_words
+
+from kb.core import scripts
 from kb.core.errors import UsageError
 
 MOST = 32  # terms of one question; what is typed after them is left out
 _TERM = re.compile(r'(?P<sign>(?<!\S)[+-])?(?:"(?P<phrase>[^"]*)"?|(?P<word>[^\s"]+))(?P<any>\*)?')
 _BETWEEN = re.compile(r"[,;:!?/|&=\u3001\u3002\uff0c\uff1b]+")
-# What questions are made with. Titles are questions too, and would match these alone.
-_SMALL = {
-    "a", "about", "am", "an", "and", "any", "are", "as", "at", "be", "been", "but", "by",
-    "can", "could", "did", "do", "does", "for", "from", "had", "has", "have", "he", "her",
-    "here", "him", "his", "how", "i", "if", "in", "into", "is", "it", "its", "just", "may",
-    "me", "might", "must", "my", "of", "on", "or", "our", "she", "should", "so", "than",
-    "that", "the", "their", "them", "then", "there", "these", "they", "this", "those", "to",
-    "us", "was", "we", "were", "what", "when", "where", "which", "who", "whom", "whose", "why",
-    "will", "with", "would", "you", "your",
-    "cant", "doesnt", "dont", "hows", "im", "ive", "whats", "wheres", "whos",
-}  # fmt: skip
-_NEGATED = {
-    "aren", "couldn", "didn", "doesn", "don", "hadn", "hasn", "haven", "isn", "shouldn", "wasn",
-    "weren", "won", "wouldn",
-}  # fmt: skip
-_SHORTENED = {"d", "ll", "m", "re", "s", "t", "ve"}  # behind an apostrophe
-# What is asked about anything, beside what it is asked about.
+# What is asked about anything, beside what it is asked about, and no list of function words has.
 _ASKING = {
-    "anyone", "best", "build", "building", "craft", "crafting", "difference", "easiest", "easily",
-    "explain", "fast", "fastest", "find", "finding", "get", "getting", "gets", "good", "guide",
-    "happen", "happens", "help", "kind", "know", "list", "long", "look", "looks", "made", "make",
-    "makes", "making", "many", "mean", "means", "much", "need", "needed", "obtain", "obtaining",
-    "quickly", "recipe", "show", "tell", "thing", "things", "tips", "tutorial", "type", "types",
-    "use", "used", "uses", "using", "want", "way", "ways", "work", "working", "works",
+    "build", "building", "craft", "crafting", "difference", "easiest", "easily", "explain", "fast",
+    "fastest", "finding", "guide", "happen", "list", "recipe", "tips", "tutorial", "type", "types",
 }  # fmt: skip
+_LISTED_AS = {"nn": "nb", "no": "nb"}  # language codes as the package stop-words has them
+
+
+@cache
+def function_words(language: str) -> frozenset[str]:
+    """Words that a language makes sentences and questions with, as the package stop-words lists
+    them; "don't" is "don" and "t". None for a language that it does not know.
+    """
+    code = language.partition("-")[0].lower()
+    code = _LISTED_AS.get(code, code)
+    listed = get_stop_words(code) if code in LANGUAGE_MAPPING else []
+    return frozenset(part for word in listed for part in re.findall(r"\w+", word.lower()))
 
 
 class Term(NamedTuple):
@@ -56,24 +54,32 @@ class Term(NamedTuple):
 class Question(NamedTuple):
     """What makes an answer better, what it has to have, and what it must not have.
 
-    `run`: all words in the order asked, small ones too; () where a prefix is among them, as nothing
-    says where its word ends, or for a single word.
+    `run`: all words in the order asked; () where a prefix is among them, as nothing says where its
+    word ends, or for a single word. `small`: those words that only make a sentence.
     """
 
     terms: tuple[Term, ...]
     needed: tuple[Term, ...]
     barred: tuple[Term, ...]
     run: tuple[str, ...] = ()
+    small: frozenset[str] = frozenset()
 
     @property
     def pairs(self) -> list[Term]:
         """Each two neighbours of the first MOST words of `run` of which one is not small."""
         neighbours = zip(self.run[:MOST], self.run[1:MOST], strict=False)
-        return [Term(f"{a} {b}") for a, b in neighbours if not (is_small(a) and is_small(b))]
+        return [Term(f"{a} {b}") for a, b in neighbours if not self.small.issuperset((a, b))]
+
+    def is_asking(self, word: str) -> bool:
+        """Whether a word says what is asked, and not about what."""
+        return word in self.small or word.lower() in _ASKING
 
 
-def question(text: str) -> Question:
-    """The question in a text. Raises UsageError without a word to look for."""
+def question(text: str, is_small: Callable[[str], bool] = lambda word: False) -> Question:
+    """The question in a text; words that are small count where nothing else is asked for.
+
+    Raises UsageError without a word to look for.
+    """
     terms: dict[Term, None] = {}
     needed: dict[Term, None] = {}
     barred: dict[Term, None] = {}
@@ -96,35 +102,37 @@ def question(text: str) -> Question:
             if sign == "-":
                 barred[term] = None
                 continue
-            terms[term] = None
-            run += kept
+            signs = scripts.words(term.text)
             if sign == "+" or phrase is not None:
-                needed[term] = None
+                terms[term] = needed[term] = None
+            elif prefix or len(signs) == len(kept):
+                terms[term] = None
+            else:
+                # Nothing says where a word ends, so that each two neighbours are one.
+                terms |= dict.fromkeys(map(Term, _neighbours(signs)))
+            run += signs
     if not terms:
         raise UsageError(
             f"the query {text!r} contains no word to search for",
             hint='give at least one word, e.g. kb search "how to tame a wolf"',
         )
-    # Without small words, unless there are no others.
-    large = [one for one in terms if one in needed or one.prefix or not is_small(one.text)]
+    every = (*run, *(term.text for term in terms))
+    small = frozenset(word for word in every if all(map(is_small, word.lower().split())))
+    large = [one for one in terms if one in needed or one.prefix or one.text not in small]
     if len(run) < 2 or any(one.prefix for one in terms):
         run = []
     return Question(
-        tuple(large or terms)[:MOST], tuple(needed)[:MOST], tuple(barred)[:MOST], tuple(run)
+        tuple(large or terms)[:MOST], tuple(needed)[:MOST], tuple(barred)[:MOST], tuple(run), small
     )
 
 
-def is_small(word: str) -> bool:
-    """Whether a word only makes a sentence; "what's" comes as two."""
-    first, *rest = word.lower().split()
-    if not _SHORTENED.issuperset(rest):
-        return False
-    return first in _SMALL or (first in _NEGATED and rest == ["t"])
-
-
-def is_asking(word: str) -> bool:
-    """Whether a word says what is asked, and not about what."""
-    return is_small(word) or word.lower() in _ASKING
+def _neighbours(signs: Sequence[str]) -> Iterator[str]:
+    """Each two signs side by side of a script without spaces, and words of other scripts."""
+    for first, then in zip(signs, [*signs[1:], " "], strict=True):
+        if len(first) > 1:
+            yield first
+        elif len(then) == 1 and then != " ":
+            yield first + then
 
 
 def clean(text: str) -> str:

@@ -22,7 +22,7 @@ words, and counts for the share of them that its title has, by their rarities.
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from typing import NamedTuple
@@ -30,7 +30,7 @@ from typing import NamedTuple
 from tantivy import Occur, Query
 
 from kb.core.errors import UsageError
-from kb.search.query import MOST, Question, Term, is_asking, is_small
+from kb.search.query import MOST, Question, Term, function_words, question
 from kb.search.tantivy_index import PassageIndex
 
 _HIGHEST = 2.2  # k + 1: what a term adds at most, as a multiple of its rarity
@@ -161,31 +161,31 @@ class Weights:
         if any(term.prefix for term in question.terms):
             return []
         words = question.run[:MOST] or tuple(term.text for term in question.terms)
-        large = tuple(word for word in words if not is_small(word)) or words
-        about = {word for word in large if not is_asking(word)}.difference(self._unknown)
-        about = about or {*large}
-        weigh = {word: self.terms.get(Term(word), 1.0) for word in about}
-        as_one = {word: "".join(index.analyzer.analyze(word)) for word in words}
-        subject = tuple(word for word in words if word in about)
-        pages: dict[str, float] = {}
-        for some in (words, large):
-            for first in range(len(some)):
-                for after in range(first + 1, min(first + _LONGEST, len(some)) + 1):
-                    name = "".join(as_one[word] for word in some[first:after])
-                    share = sum(weigh[word] for word in about.intersection(some[first:after]))
-                    pages[name] = max(share / sum(weigh.values()), pages.get(name, 0.0))
-        others = {
-            "".join(as_one[word] for word in some): share
-            for some, share in ((subject, 1.0), (large, 1.0), (words, _EVERY))
-        }
-        named = (
-            (index.named(name, pages=is_page), share * (_PAGE if is_page else 1))
-            for some, is_page in ((pages | others, True), (others, False))
-            for name, share in some.items()
-            if name and share
-        )
+        large = tuple(word for word in words if word not in question.small) or words
+        subject = self._subject(question, large)
+        weights = {word: self.terms.get(Term(word), 1.0) for word in subject}
+        named: list[tuple[Query | None, float]] = []
+        for words_of_title in {*_spans(words), *_spans(large)}:
+            share = sum(weights[word] for word in weights.keys() & {*words_of_title})
+            title = index.named(words_of_title, pages=True)
+            named.append((title, _PAGE * share / sum(weights.values())))
+        about = tuple(word for word in words if word in subject)
+        for whole, share in ((about, 1.0), (large, 1.0), (words, _EVERY)):
+            named.append((index.named(whole, pages=True), _PAGE * share))
+            named.append((index.named(whole, pages=False), share))
         most = _TITLE * self.order
-        return [Query.const_score_query(query, share * most) for query, share in named if query]
+        return [
+            Query.const_score_query(title, share * most)
+            for title, share in named
+            if title is not None and share
+        ]
+
+    def _subject(self, question: Question, large: Sequence[str]) -> set[str]:
+        """The words that say what a question is about: those that are known and do not only ask;
+        all of them where there are no such words.
+        """
+        known = {word for word in large if not question.is_asking(word)} - self._unknown
+        return known or {*large}
 
     def marked(self, source: str) -> list[IndexedTerm]:
         """What a snippet marks: all words in the order asked, then those that are not everywhere,
@@ -219,6 +219,27 @@ def rank(
     return sorted(ranked)[: only.limit]
 
 
+def understood(indexes: Mapping[str, PassageIndex], text: str) -> Question:
+    """The question in a text, by the function words of the indexes' language. A word that names a
+    page is none ("fire"). Raises UsageError without a word to look for.
+    """
+    listed = frozenset[str]().union(*(function_words(one.language) for one in indexes.values()))
+
+    def is_small(word: str) -> bool:
+        return word in listed and not any(
+            index.named([word], pages=True) for index in indexes.values()
+        )
+
+    return question(text, is_small)
+
+
+def _spans(words: Sequence[str]) -> Iterator[tuple[str, ...]]:
+    """Words side by side that may be a title."""
+    for first in range(len(words)):
+        for after in range(first + 1, min(first + _LONGEST, len(words)) + 1):
+            yield tuple(words[first:after])
+
+
 def rarity(passages: int, having: int) -> float:
     """How much a term counts that `having` of the passages have; never below nought."""
     return math.log(1 + (passages - having + 0.5) / (having + 0.5))
@@ -230,7 +251,7 @@ def _large(index: PassageIndex, question: Question) -> list[tuple[int, str]]:
     place = 0
     for word in question.run:
         analyzed = index.analyzer.analyze(word)
-        if not is_small(word):
+        if word not in question.small:
             placed += enumerate(analyzed, place)
         place += len(analyzed)
     return placed

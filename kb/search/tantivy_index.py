@@ -3,8 +3,9 @@
 A passage is one document. Its `words` are its title twice, its headings, its text and its alt texts
 one after the other, so that a word of the title counts twice; a phrase never reaches from one into
 the next. `name` is the title as one word, so that it is found whatever its signs and spaces: with
-all its words, without the small ones, and without what stands in brackets behind it. Next to them
-are the fields that filters use, and `row`, all that an answer shows.
+all its words, without those on tantivy's list of its language's stop words, and without what stands
+in brackets behind it. Next to them are the fields that filters use, and `row`, all that an answer
+shows.
 """
 
 import contextlib
@@ -21,8 +22,8 @@ from tantivy import Filter, Occur, Query, Tokenizer
 
 from kb.artifacts import index as index_of
 from kb.core.regular_file import check_regular
+from kb.core.scripts import UNSPACED
 from kb.search.passage import KINDS, PAGES, Passage
-from kb.search.query import is_small
 from kb.store.damage import opening, unreadable
 from kb.store.exhausted import full_disk_is_resumable
 
@@ -63,9 +64,10 @@ def day(date: str) -> int:
 class PassageIndex:
     """An index to ask. Raises DamagedData for one that can't be read, here and everywhere."""
 
-    def __init__(self, folder: Path, stemmer: str) -> None:
+    def __init__(self, folder: Path, language: str) -> None:
         self._folder = folder
-        self.analyzer = analyzer(stemmer)
+        self.language = language
+        self.analyzer = analyzer(language)
         with self._reading():
             opened = _open(folder)
             self._searcher = opened.searcher()
@@ -133,9 +135,9 @@ class PassageIndex:
     def keys(self, keys: Iterable[str]) -> Query:
         return Query.term_set_query(self.schema, KEY, list(keys))
 
-    def named(self, name: str, *, pages: bool) -> Query | None:
-        """Passages of the pages, or of other things, whose title is this word; None for none."""
-        name = f"{pages:d}{name}"
+    def named(self, words: Iterable[str], *, pages: bool) -> Query | None:
+        """Passages of the pages, or of other things, with this title; None for none."""
+        name = f"{pages:d}{''.join(self.analyzer.analyze(' '.join(words)))}"
         with self._reading():
             if not self._searcher.doc_freq(NAME, name):
                 return None
@@ -190,32 +192,39 @@ STEMMERS = {
 }  # fmt: skip
 
 
-# Scripts that put no spaces between words: each sign is a word, so that words of several are found
-# as phrases.
-_UNSPACED = r"\p{Han}\p{Hiragana}\p{Katakana}\p{Thai}\p{Lao}\p{Khmer}\p{Myanmar}"
-_WORD = rf"[{_UNSPACED}]|[\p{{Alphabetic}}\p{{N}}--[{_UNSPACED}]]+"
+# Where no spaces stand between words each sign is one, so that several are found as phrases.
+_WORD = (
+    rf"[[{UNSPACED}]&&[\p{{Alphabetic}}\p{{N}}\p{{M}}]]"
+    rf"|[[\p{{Alphabetic}}\p{{N}}]--[{UNSPACED}]]+"
+)
 
 
-def analyzer(stemmer: str) -> tantivy.TextAnalyzer:
-    """A text's words: runs of letters and digits, small, without accents, and stemmed unless
-    `stemmer` is "".
+def analyzer(language: str) -> tantivy.TextAnalyzer:
+    """A text's words: runs of letters and digits, small, without accents, and stemmed where the
+    language has a stemmer.
     """
+    stemmer = STEMMERS.get(language)
     made = tantivy.TextAnalyzerBuilder(Tokenizer.regex(_WORD))
     made = made.filter(Filter.lowercase()).filter(Filter.ascii_fold())
     return (made.filter(Filter.stemmer(stemmer)) if stemmer else made).build()
 
 
+_WITH_STOP_WORDS = {
+    "danish", "dutch", "english", "finnish", "french", "german", "hungarian", "italian",
+    "norwegian", "portuguese", "russian", "spanish", "swedish",
+}  # fmt: skip
 _BEHIND = re.compile(r"\s*\([^()]*\)\s*$")
 
 
-def names(title: str, analyzer: tantivy.TextAnalyzer) -> set[str]:
+def names(title: str, language: str) -> set[str]:
     """What a title is found by as a whole."""
-    made = set()
-    for text in (title, _BEHIND.sub("", title)):
-        words = text.split()
-        for some in (words, [word for word in words if not is_small(word)]):
-            made.add("".join(analyzer.analyze(" ".join(some))))
-    return made - {""}
+    texts = {title, _BEHIND.sub("", title)}
+    if STEMMERS.get(language) in _WITH_STOP_WORDS:
+        split = tantivy.TextAnalyzerBuilder(Tokenizer.regex(_WORD)).filter(Filter.lowercase())
+        large = split.filter(Filter.stopword(STEMMERS[language])).build()
+        texts |= {" ".join(large.analyze(text)) for text in texts}
+    whole = analyzer(language)
+    return {"".join(whole.analyze(text)) for text in texts} - {""}
 
 
 _HEAP = 128 << 20  # bytes that all threads of a writer may take before they write a segment
@@ -225,7 +234,7 @@ _AT_ONCE = 4_096  # passages between two reports of progress
 
 def write(
     folder: Path,
-    stemmer: str,
+    language: str,
     passages: Iterable[Passage],
     advance: Callable[[int], object],
     heap: int = _HEAP,
@@ -236,8 +245,7 @@ def write(
     one thing come together. On a full disk tantivy says only that one of its threads failed.
     """
     index = tantivy.Index(schema(), path=str(folder))
-    words = analyzer(stemmer)
-    index.register_tokenizer(ANALYZER, words)
+    index.register_tokenizer(ANALYZER, analyzer(language))
     count = reported = things = 0
     thing = title = None
     found_by: set[str] = set()
@@ -247,7 +255,7 @@ def write(
         thing = passage.thing
         if title != passage.title:
             title = passage.title
-            found_by = names(title, words)
+            found_by = names(title, language)
         writer.add_document(_document(passage, found_by, count, things))
         if count - reported == _AT_ONCE:
             advance(_AT_ONCE)
@@ -255,7 +263,7 @@ def write(
     writer.commit()
     writer.wait_merging_threads()
     advance(count - reported)
-    written = PassageIndex(folder, stemmer).size
+    written = PassageIndex(folder, language).size
     assert written == count, f"{written} of {count} passages in {folder}"
     return count
 

@@ -42,7 +42,7 @@ _SETTINGS = {
     "tasks": ("tasks", "youtube.topic_keywords", "keywords", "pairs.include"),
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
-_RULES = {"clean/youtube": 3, "pairs": 7, "tasks": 2, "links": 1}
+_RULES = {"clean/youtube": 4, "clean/reddit": 3, "pairs": 8, "tasks": 2, "links": 2}
 _KEPT_FILES = {"pairs": ("measures.json",)}  # figures of samples that cost requests
 
 
@@ -135,7 +135,7 @@ def _declared() -> Iterator[Artifact]:
             reads=tuple(f"{source}/{short}" for short in SOURCES[source].indexed),
             maker=Maker("index", "index", (source,)),
             settings=("youtube.language",),
-            rules=7,
+            rules=8,
         )
     yield Artifact(
         "report",
@@ -157,6 +157,7 @@ def _declared() -> Iterator[Artifact]:
                 maker=Maker(name, "export", (*_own_name(name), format_)),
                 public=True,
                 settings=("name",),
+                rules=2 if format_ == "text" else 1,
             )
     yield Artifact(
         RELEASE,

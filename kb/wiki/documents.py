@@ -32,14 +32,16 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
     key = row["page_id"]
 
     def rows(short: str, order: str) -> list[dict[str, Any]]:
-        for one in opened.ranked(f"wiki_{short}"):
-            sql = f"FROM {one.full} WHERE page_id = ? ORDER BY {order}"
+        for view in opened.ranked(f"wiki_{short}"):
+            sql = f"FROM {view.full} WHERE page_id = ? ORDER BY {order}"
             return opened.rows(sql, [key]).to_pylist()
         return []
 
     cells = rows("cells", "table_id, row_index, column_index")
     tables = grid(cells)
-    alts = {one["element_id"]: plain(one["alt_text"]).strip() for one in rows("images", "ALL")}
+    alts = {
+        image["element_id"]: plain(image["alt_text"]).strip() for image in rows("images", "ALL")
+    }
     parts: list[DocumentPart] = []
     made_from: list[list[int]] = []  # the elements of each part
     centre = -1
@@ -59,7 +61,7 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
             centre = len(parts)
         text = "\n\n".join([*([section.path] if section.path else []), *lines])
         label = "section" if section.anchor else "top of the page"
-        of_part = [blocks[one] for one in section.elements]
+        of_part = [blocks[element] for element in section.elements]
         parts.append(DocumentPart(SourceLocation("wiki", str(key), at), label, url, text, of_part))
         made_from.append(section.elements)
     if centre < 0 and place.at:
@@ -73,7 +75,11 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
         f" licence {row.get('license') or 'none given'} · {url}"
     )
     chosen = set(made_from[centre]) if centre >= 0 else set()
-    boxes = [box(one) for one in elements if one["element_id"] in chosen and one["x"] is not None]
+    boxes = [
+        box(element)
+        for element in elements
+        if element["element_id"] in chosen and element["x"] is not None
+    ]
     return AgentDocument(
         facts,
         plain(row["title"]),
@@ -88,26 +94,26 @@ def _blocks(
 ) -> dict[int, DocumentBlock]:
     """Each element as a page shows it, by its id."""
     grids: dict[int, dict[int, list[tuple[str, bool, int, int]]]] = {}
-    for one in cells:
-        row = grids.setdefault(one["table_id"], {}).setdefault(one["row_index"], [])
-        words = " ".join(plain(one["text"]).split())
-        row.append((words, one["is_header"], one["column_span"], one["row_span"]))
+    for cell in cells:
+        row = grids.setdefault(cell["table_id"], {}).setdefault(cell["row_index"], [])
+        words = " ".join(plain(cell["text"]).split())
+        row.append((words, cell["is_header"], cell["column_span"], cell["row_span"]))
     blocks = {}
-    for one in elements:
-        key = one["element_id"]
-        text = plain(one["text"]).strip() or alts.get(key, "")
-        shown = box(one) if one["x"] is not None else None
-        table = [*grids.get(key, {}).values()] if one["kind"] == "table" else []
-        blocks[key] = DocumentBlock(key, text, one["heading_level"], table, shown)
+    for element in elements:
+        key = element["element_id"]
+        text = plain(element["text"]).strip() or alts.get(key, "")
+        shown = box(element) if element["x"] is not None else None
+        table = [*grids.get(key, {}).values()] if element["kind"] == "table" else []
+        blocks[key] = DocumentBlock(key, text, element["heading_level"], table, shown)
     return blocks
 
 
 def _screenshot(opened: OpenTables, key: int, boxes: list[Box]) -> DocumentScreenshot | None:
     """The screenshot of a page, from the first table that names one."""
     sql = "SELECT screenshot_path, page_width, page_height FROM {} WHERE page_id = ?"
-    for one in opened.ranked("wiki_pages"):
-        for row in opened.rows(sql.format(one.full), [key]).to_pylist():
+    for view in opened.ranked("wiki_pages"):
+        for row in opened.rows(sql.format(view.full), [key]).to_pylist():
             if all(row.values()):
                 path, width, height = row.values()
-                return DocumentScreenshot(one.home, path, width, height, boxes)
+                return DocumentScreenshot(view.home, path, width, height, boxes)
     return None

@@ -53,7 +53,9 @@ def sources(key: str, src: str | None) -> list[str]:
     given = [key, *([src] if src and original(src) == src.split("#")[0] else [])]
     scaled = src and _SCALED.search(urlsplit(src).path)
     given += [src] if src and scaled and not scaled[1] else []
-    return [one for one in given if _on_the_web(one) and not _script(urlsplit(one).path)]
+    return [
+        address for address in given if _on_the_web(address) and not _script(urlsplit(address).path)
+    ]
 
 
 def _on_the_web(address: str) -> bool:

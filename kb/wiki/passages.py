@@ -20,7 +20,7 @@ from kb.store.tables.merge import RowsByKey
 _PAGE = ["page_id", "title", "url", "revision_id", "revision_timestamp", "license"]
 _ELEMENT = ["page_id", "element_id", "parent_id", "kind", "tag", "region", "heading_level"]
 _CELL = ["page_id", "table_id", "row_index", "column_index", "text"]
-LEFT_OUT = ("toc", "navbox")
+_LEFT_OUT = ("toc", "navbox")
 _ANCHOR = "!$'()*,-./:;=?@_~"  # what a fragment may hold as it is
 
 
@@ -45,7 +45,7 @@ def passages(_: Profile, root: Path) -> Iterator[Passage]:
     for page in rows(root, "wiki/pages", _PAGE):
         key = page["page_id"]
         tables = grid(cells.of(key))
-        alts = {one["element_id"]: plain(one["alt_text"]).strip() for one in images.of(key)}
+        alts = {image["element_id"]: plain(image["alt_text"]).strip() for image in images.of(key)}
         for section in sections(elements.of(key), tables, alts):
             yield from _of(page, section)
 
@@ -53,7 +53,7 @@ def passages(_: Profile, root: Path) -> Iterator[Passage]:
 def grid(cells: Iterable[dict[str, Any]]) -> dict[int, list[str]]:
     """The rows of each table of a page, the words of a row's cells between bars."""
     grids: dict[int, list[str]] = {}
-    for (table, _), row in groupby(cells, key=lambda one: (one["table_id"], one["row_index"])):
+    for (table, _), row in groupby(cells, key=lambda cell: (cell["table_id"], cell["row_index"])):
         words = [" ".join(plain(cell["text"]).split()) for cell in row]
         line = " | ".join(word for word in words if word)
         if line:
@@ -69,28 +69,28 @@ def sections(
     anchors: Counter[str] = Counter()
     taken: set[int] = set()
     section = PageSection()
-    for one in elements:
-        key, text = one["element_id"], plain(one["text"]).strip()
-        inside = one["parent_id"] in taken
-        left_out = one["region"] in LEFT_OUT or not (one["visible"] or one.get("folded"))
+    for element in elements:
+        key, text = element["element_id"], plain(element["text"]).strip()
+        inside = element["parent_id"] in taken
+        left_out = is_left_out(element)
         if inside or left_out:
             taken.add(key)
         if left_out:
             continue
         # The parts of an infobox have headings, which begin no section of the page.
-        level = None if one["region"] == "infobox" else one["heading_level"]
+        level = None if element["region"] == "infobox" else element["heading_level"]
         if alts.get(key):
             section.elements.append(key)
             if alts[key] not in section.alts:
                 section.alts.append(alts[key])
-        elif one["kind"] == "table":
+        elif element["kind"] == "table":
             taken.add(key)
             if tables.get(key):
                 section.elements.append(key)
                 section.tables.append(tables[key])
-        elif one["kind"] == "text" and one["tag"] == "caption" and section.tables and text:
+        elif element["kind"] == "text" and element["tag"] == "caption" and section.tables and text:
             section.tables[-1].insert(0, text)
-        elif one["kind"] != "text" or inside or not text:
+        elif element["kind"] != "text" or inside or not text:
             continue
         elif level is None:
             taken.add(key)
@@ -103,6 +103,11 @@ def sections(
             section = _begun(headings, anchors)
             section.elements.append(key)
     yield section
+
+
+def is_left_out(element: dict[str, Any]) -> bool:
+    """Whether an element is no part of a page's text: boxes of links, and what it never shows."""
+    return element["region"] in _LEFT_OUT or not (element["visible"] or element.get("folded"))
 
 
 def _begun(headings: list[tuple[int, str]], anchors: Counter[str]) -> PageSection:

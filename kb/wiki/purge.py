@@ -18,7 +18,7 @@ from kb.wiki.parse import tables
 _PURGED = "purged titles"  # cursor of the frontier
 
 
-def find(purge: Purge) -> dict[str, str]:
+def find_left(purge: Purge) -> dict[str, str]:
     """What the user named, and pages that the wiki deleted or moved."""
     skipped = purge.frontier.items("pages", "skipped")
     left = {key: str(reason) for key, _, reason, _ in skipped if reason in LEFT}
@@ -45,7 +45,7 @@ def look_up(purge: Purge) -> dict[str, str]:
             # that was asked for and has no page is its own key.
             spelled = (name, name[:1].upper() + name[1:])
             keys = (titles.get(title) or purged.get(_mark(title)) for title in spelled)
-            own = next((one for one in spelled if one in asked), name)
+            own = next((spelling for spelling in spelled if spelling in asked), name)
             key = next(filter(None, keys), own)
         here = key in pages or key in asked
         states[key] = KNOWN if key in removed else NAMED if here else UNKNOWN
@@ -116,12 +116,12 @@ def any_answer(keys: Collection[str]) -> None:
 
 RULES = PurgeRules(
     "wiki",
-    NAMES.read_some,
+    NAMES.some_ids_in,
     rows=(
         *(location_of(name, "page_id") for name in ("wiki/pages", *tables.PARTS)),
         *shared_locations("wiki"),
     ),
     answers=AnswerRules(texts=any_answer, names=names),
-    find=find,
+    find=find_left,
     forget=forget,
 )

@@ -228,8 +228,8 @@ def _drawn(
         axes.imshow(image, extent=(part.x, right, bottom, part.y), interpolation="none")
     for kind, style in KINDS.items():
         for name, box in boxes:
-            for one in (box.lines or (box,)) if name == kind else ():
-                axes.add_artist(_outline(axes, one, style, scale, thin))
+            for outlined in (box.lines or (box,)) if name == kind else ():
+                axes.add_artist(_outline(axes, outlined, style, scale, thin))
     if frame is not None:
         axes.add_artist(_outline(axes, frame, BoxStyle(INK, "-", 1.8), scale))
     axes.set_xlim(part.x, right)

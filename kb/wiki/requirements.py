@@ -10,7 +10,7 @@ from kb.wiki.browser import chromium
 def requirements() -> Iterator[tuple[str, str, str, str]]:
     """The browser with its driver, and whether it trusts whom the other clients trust."""
     try:
-        programs = chromium.find()
+        programs = chromium.find_programs()
         yield "ok", "browser", f"{programs.browser} with {programs.driver}", ""
     except MissingExtra as error:
         yield "problem", "browser", str(error), error.hint

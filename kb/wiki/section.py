@@ -67,7 +67,8 @@ class Markup(Section):
         description="lower parts of fractions; a slash stands before them where none is shown",
     )
     reference: str = Field(
-        "sup.reference, sup.mw-ref, sup.footnote-ref, [role=doc-noteref]",
+        "sup.reference, sup.mw-ref, sup.footnote-ref, [role=doc-noteref],"
+        " sup:has(a[href*='#cite_note']), a[href*='#cite_note']:has(sup)",
         description="footnote marks, which are no part of the text: [note 1]",
     )
     regions: dict[str, str] = Field(

@@ -23,7 +23,7 @@ from kb.export.text import TextDocument, TextPiece
 from kb.schema.tables import table
 from kb.store.tables.merge import Merge, RowsByKey
 from kb.store.tables.shard_writer import order
-from kb.wiki.passages import LEFT_OUT
+from kb.wiki.passages import is_left_out
 
 Row = dict[str, Any]
 Grid = list[list[str]]
@@ -90,17 +90,18 @@ class PageText:
     def __init__(
         self, elements: list[Row], cells: list[Row], facts: list[Row], recipes: list[Row]
     ) -> None:
-        self._elements = {one["element_id"]: one for one in elements}
+        self._elements = {element["element_id"]: element for element in elements}
         self._children: dict[int | None, list[Row]] = {}
-        for one in elements:
-            parent = one["parent_id"] if one["parent_id"] in self._elements else None
-            self._children.setdefault(parent, []).append(one)
+        for element in elements:
+            parent = element["parent_id"] if element["parent_id"] in self._elements else None
+            self._children.setdefault(parent, []).append(element)
         self._cells: dict[int, list[Row]] = {}
-        for one in cells:
-            self._cells.setdefault(one["table_id"], []).append(one)
-        self._fields = {one["element_id"]: one["field"] for one in reversed(facts)}
+        for cell in cells:
+            self._cells.setdefault(cell["table_id"], []).append(cell)
+        self._fields = {fact["element_id"]: fact["field"] for fact in reversed(facts)}
         self._recipes = {
-            number: list(slots) for number, slots in groupby(recipes, lambda one: one["recipe_id"])
+            number: list(slots)
+            for number, slots in groupby(recipes, lambda slot: slot["recipe_id"])
         }
         self._written: set[int] = set()  # recipes
 
@@ -117,37 +118,37 @@ class PageText:
     def pieces(self) -> Iterator[TextPiece]:
         """The blocks of the page, without its title."""
         tops = self._children.get(None, [])
-        heading = next((one for one in tops if one["kind"] == "text"), None)
+        heading = next((element for element in tops if element["kind"] == "text"), None)
         if heading is not None and heading["heading_level"] == 1:
-            tops = [one for one in tops if one is not heading]
+            tops = [element for element in tops if element is not heading]
         yield from self._blocks(tops)
 
     def _blocks(self, elements: Iterable[Row]) -> Iterator[TextPiece]:
         waiting: list[Row] = []  # of an infobox without a table, or icons in a row
-        for one in elements:
-            if _is_left_out(one):
+        for element in elements:
+            if is_left_out(element):
                 continue
-            kind = _gathered(one)
+            kind = _gathered(element)
             if waiting and kind != _gathered(waiting[0]):
                 yield from self._together(waiting)
                 waiting = []
             if kind:
-                waiting.append(one)
-            elif one["region"] == "recipe" and one["kind"] != "table":
-                yield from self._recipe_at(one)
-            elif one["kind"] == "table":
-                yield from self._table(one)
-            elif one["kind"] == "text":
-                yield from self._text(one)
-                yield from self._inside(one)
+                waiting.append(element)
+            elif element["region"] == "recipe" and element["kind"] != "table":
+                yield from self._recipe_at(element)
+            elif element["kind"] == "table":
+                yield from self._table(element)
+            elif element["kind"] == "text":
+                yield from self._text(element)
+                yield from self._inside(element)
             else:
-                yield from self._blocks(self._children.get(one["element_id"], ()))
+                yield from self._blocks(self._children.get(element["element_id"], ()))
         if waiting:
             yield from self._together(waiting)
 
     def _together(self, elements: Sequence[Row]) -> Iterator[TextPiece]:
         if _gathered(elements[0]) == "icons":
-            names = [one["text"] for one in elements if one["text"]]
+            names = [element["text"] for element in elements if element["text"]]
             if names:
                 yield TextPiece(", ".join(names))
         else:
@@ -155,42 +156,42 @@ class PageText:
 
     def _inside(self, holder: Row) -> Iterator[TextPiece]:
         """Tables and recipes within a text or a cell, which its words leave out."""
-        for one in self._children.get(holder["element_id"], ()):
-            if _is_left_out(one):
+        for element in self._children.get(holder["element_id"], ()):
+            if is_left_out(element):
                 continue
-            if one["kind"] == "table":
-                yield from self._table(one)
-            elif one["element_id"] in self._slots:
-                yield from self._recipe(self._slots[one["element_id"]])
+            if element["kind"] == "table":
+                yield from self._table(element)
+            elif element["element_id"] in self._slots:
+                yield from self._recipe(self._slots[element["element_id"]])
             else:
-                yield from self._inside(one)
+                yield from self._inside(element)
 
     # -- texts -------------------------------------------------------------------------------------
 
-    def _text(self, one: Row) -> Iterator[TextPiece]:
-        level, text = one["heading_level"], one["text"] or ""
+    def _text(self, element: Row) -> Iterator[TextPiece]:
+        level, text = element["heading_level"], element["text"] or ""
         if not text.strip():
             return
-        if level and one["region"] != "infobox":
+        if level and element["region"] != "infobox":
             yield TextPiece(f"{'#' * level} {' '.join(text.split())}", begins=True, level=level)
-        elif one["tag"] in (*_LISTS, "li", "dt", "dd"):
-            yield TextPiece("\n".join(self._list(one, "")))
-        elif one["tag"] == "pre":
+        elif element["tag"] in (*_LISTS, "li", "dt", "dd"):
+            yield TextPiece("\n".join(self._list(element, "")))
+        elif element["tag"] == "pre":
             fence = "```" if "```" not in text else "~~~~"
             yield TextPiece(f"{fence}\n{text}\n{fence}")
         else:
-            words = _escaped(_inline(one))
-            quote = "> " if one["tag"] == "blockquote" else ""
+            words = _escaped(_inline(element))
+            quote = "> " if element["tag"] == "blockquote" else ""
             yield TextPiece("\n".join(f"{quote}{line}" for line in words.split("\n")))
 
-    def _list(self, one: Row, indent: str, number: int = 0) -> Iterator[str]:
+    def _list(self, element: Row, indent: str, number: int = 0) -> Iterator[str]:
         """The lines of a list or of one of its points, with what is nested in it."""
         mark = f"{number}. " if number else "- "
         own, deeper = indent, indent
-        if one["tag"] not in _LISTS:
+        if element["tag"] not in _LISTS:
             own, deeper = f"{indent}{mark}", indent + " " * len(mark)
         count, dt = 0, False
-        for part in self._split(one):
+        for part in self._split(element):
             if isinstance(part, str):
                 for line in part.split("\n"):
                     yield f"{own}{line}"
@@ -203,27 +204,27 @@ class PageText:
             dt = dt or part["tag"] == "dt"
             below = dt and part["tag"] == "dd"
             yield from self._list(
-                part, f"{deeper}  " if below else deeper, count if one["tag"] == "ol" else 0
+                part, f"{deeper}  " if below else deeper, count if element["tag"] == "ol" else 0
             )
 
-    def _split(self, one: Row) -> Iterator[str | Row]:
+    def _split(self, element: Row) -> Iterator[str | Row]:
         """The text of a list or point: its own words, and the points or lists between them."""
-        text, begin = one["text"], 0
-        wanted = ("li", "dt", "dd") if one["tag"] in _LISTS else _LISTS
-        for child in self._nearest(one, wanted):
+        text, begin = element["text"], 0
+        wanted = ("li", "dt", "dd") if element["tag"] in _LISTS else _LISTS
+        for child in self._nearest(element, wanted):
             place = re.compile(rf"^{re.escape(child['text'])}$", re.MULTILINE).search(text, begin)
             if place is None:
                 continue
-            if own := _inline(one, begin, place.start()).strip("\n"):
+            if own := _inline(element, begin, place.start()).strip("\n"):
                 yield own
             yield child
             begin = place.end()
-        if (own := _inline(one, begin, len(text)).strip("\n")) or not begin:
+        if (own := _inline(element, begin, len(text)).strip("\n")) or not begin:
             yield own
 
-    def _nearest(self, one: Row, tags: Sequence[str]) -> Iterator[Row]:
-        for child in self._children.get(one["element_id"], ()):
-            if child["kind"] != "text" or _is_left_out(child) or not child["text"]:
+    def _nearest(self, element: Row, tags: Sequence[str]) -> Iterator[Row]:
+        for child in self._children.get(element["element_id"], ()):
+            if child["kind"] != "text" or is_left_out(child) or not child["text"]:
                 continue
             if child["tag"] in tags:
                 yield child
@@ -232,28 +233,28 @@ class PageText:
 
     # -- tables ------------------------------------------------------------------------------------
 
-    def _table(self, one: Row) -> Iterator[TextPiece]:
-        children = self._children.get(one["element_id"], ())
+    def _table(self, element: Row) -> Iterator[TextPiece]:
+        children = self._children.get(element["element_id"], ())
         for child in children:
-            if child["kind"] == "text" and child["tag"] == "caption" and not _is_left_out(child):
+            if child["kind"] == "text" and child["tag"] == "caption" and not is_left_out(child):
                 yield from self._text(child)
-        grid = self._grid(one["element_id"])
+        grid = self._grid(element["element_id"])
         if any(map(any, grid)):
             yield TextPiece(_markdown(grid))
-        yield from self._inside(one)
+        yield from self._inside(element)
 
     def _grid(self, number: int) -> Grid:
         """The rows of a table with the words of a cell in every place that it covers; without rows
         that are hidden.
         """
         cells = self._cells.get(number, [])
-        height = max((one["row_index"] + one["row_span"] for one in cells), default=0)
-        width = max((one["column_index"] + one["column_span"] for one in cells), default=0)
+        height = max((cell["row_index"] + cell["row_span"] for cell in cells), default=0)
+        width = max((cell["column_index"] + cell["column_span"] for cell in cells), default=0)
         grid = [[""] * width for _ in range(height)]
         shown = set[int]()
         for cell in cells:
             element = self._elements.get(cell["element_id"])
-            if element is not None and _is_left_out(element):
+            if element is not None and is_left_out(element):
                 continue
             words = self._cell(cell, element)
             for row in range(cell["row_index"], cell["row_index"] + cell["row_span"]):
@@ -268,8 +269,8 @@ class PageText:
         if cell["text"]:
             return _inline(element if element is not None else cell)
         below = self._children.get(cell["element_id"], ())
-        icons = (one for one in below if one["kind"] in ("sprite", "animation"))
-        return ", ".join(one["text"] for one in icons if one["text"])
+        icons = (icon for icon in below if icon["kind"] in ("sprite", "animation"))
+        return ", ".join(icon["text"] for icon in icons if icon["text"])
 
     def _infobox(self, elements: Iterable[Row]) -> Iterator[TextPiece]:
         """The parts of an infobox that is no table: a row a field with its value, what else stands
@@ -277,8 +278,11 @@ class PageText:
         """
         rows: Grid = []
         paired = False
-        for one in self._unfolded(elements):
-            words, field = " ".join(_inline(one).split()), self._fields.get(one["element_id"])
+        for element in self._unfolded(elements):
+            words, field = (
+                " ".join(_inline(element).split()),
+                self._fields.get(element["element_id"]),
+            )
             label = rows[-1][0] if rows and not rows[-1][1] else ""
             if label and field and _name(label) == _name(field.rpartition(" › ")[2]):
                 rows[-1][1], paired = words, True
@@ -292,23 +296,23 @@ class PageText:
 
     def _unfolded(self, elements: Iterable[Row]) -> Iterator[Row]:
         """The texts of an infobox; of lists of terms the terms and their values."""
-        for one in elements:
-            if one["kind"] != "text" or not one["text"]:
+        for element in elements:
+            if element["kind"] != "text" or not element["text"]:
                 continue
-            terms = [*self._nearest(one, ("dt", "dd"))] if one["tag"] == "dl" else []
-            yield from terms or [one]
+            terms = [*self._nearest(element, ("dt", "dd"))] if element["tag"] == "dl" else []
+            yield from terms or [element]
 
     # -- recipes -----------------------------------------------------------------------------------
 
-    def _recipe_at(self, one: Row) -> Iterator[TextPiece]:
+    def _recipe_at(self, element: Row) -> Iterator[TextPiece]:
         """A recipe where its first slot stands; other words of it as they are."""
-        number = self._slots.get(one["element_id"])
+        number = self._slots.get(element["element_id"])
         if number is not None:
             yield from self._recipe(number)
         else:
-            if one["kind"] == "text" and not _AMOUNT.fullmatch(one["text"] or ""):
-                yield from self._text(one)
-            yield from self._inside(one)
+            if element["kind"] == "text" and not _AMOUNT.fullmatch(element["text"] or ""):
+                yield from self._text(element)
+            yield from self._inside(element)
 
     def _recipe(self, number: int) -> Iterator[TextPiece]:
         """A grid of what goes in, then what comes out behind an arrow."""
@@ -334,25 +338,21 @@ class PageText:
             yield TextPiece("→ " + ", ".join(" / ".join(names) for names in made.values() if names))
 
 
-def _is_left_out(one: Row) -> bool:
-    return one["region"] in LEFT_OUT or not (one["visible"] or one["folded"])
-
-
-def _gathered(one: Row) -> str:
+def _gathered(element: Row) -> str:
     """What an element is written together with."""
-    if one["region"] == "infobox" and one["kind"] != "table":
+    if element["region"] == "infobox" and element["kind"] != "table":
         return "infobox"
-    return "icons" if one["kind"] == "sprite" and one["region"] != "recipe" else ""
+    return "icons" if element["kind"] == "sprite" and element["region"] != "recipe" else ""
 
 
-def _inline(one: Row, begin: int = 0, end: int | None = None) -> str:
+def _inline(element: Row, begin: int = 0, end: int | None = None) -> str:
     """A text from `begin` to `end` with its links, and with names of icons that it does not say."""
-    text = one["text"] or ""
+    text = element["text"] or ""
     end = len(text) if end is None else end
-    if not one.get("marks"):
+    if not element.get("marks"):
         return text[begin:end]
     out, at, folded = "", begin, text.casefold()
-    for mark in sorted(one["marks"], key=lambda mark: (mark["start"], mark["end"])):
+    for mark in sorted(element["marks"], key=lambda mark: (mark["start"], mark["end"])):
         start, stop, title = mark["start"], mark["end"], mark["title"]
         if not title or start < at or stop > end or (start >= end and start != len(text)):
             continue

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import pyarrow.compute as pc
 
+from kb.core import scripts
 from kb.core.config.profile import Profile
 from kb.search.passage import Passage, batches, day, pieces, plain, rows
 from kb.store.tables.merge import RowsByKey
@@ -94,13 +95,14 @@ def talk(
     """The cues with words. A cue longer than a window is divided. Times in seconds."""
     made = Talk([], [], [], [0])
     for start, duration, text in zip(starts, durations, texts, strict=True):
-        words = plain(text).split()
+        divided = scripts.parts(plain(text), MOST)
+        words = sum(count for _, count in divided)
         begun, length = max(start or 0.0, 0.0), max(duration or 0.0, 0.0)
-        for at in range(0, len(words), MOST):
-            part = words[at : at + MOST]
-            after = at + len(part)
-            made.starts.append(round(begun + at / len(words) * length, 2))
-            made.ends.append(round(begun + after / len(words) * length, 2))
-            made.texts.append(" ".join(part))
-            made.words.append(made.words[-1] + len(part))
+        at = 0
+        for part, count in divided:
+            made.starts.append(round(begun + at / words * length, 2))
+            at += count
+            made.ends.append(round(begun + at / words * length, 2))
+            made.texts.append(part)
+            made.words.append(made.words[-1] + count)
     return made

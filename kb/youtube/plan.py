@@ -12,7 +12,7 @@ from typing import Any
 from kb.core.config.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.summary import Summary
-from kb.core.summary.plan import PlanPhase, to_read
+from kb.core.summary.plan import NOTHING_NEW, PlanPhase, to_read
 from kb.core.summary.plan import plan as make_plan
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
@@ -52,7 +52,12 @@ def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
     profile = run.profile.section(YouTubeSection)
     state = _state(run)
     known, assumed = _measured(state)
-    left = _left_of_ids(run, ids, part, state) if ids else _left(profile, state, known)
+    if ids:
+        left, assumed = _left_of_ids(run, ids, part, state), []
+    elif run.again and state["kinds"] and not state["open"]:
+        left, assumed = _next_round(profile, state["kinds"]), [NOTHING_NEW]
+    else:
+        left = _left(profile, state, known)
     calls = {
         "search": left["searches"],
         "playlist_items": left["pages"],
@@ -84,7 +89,7 @@ def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
             "youtube crawl",
             "youtube",
             phases,
-            assumed if not ids else [],
+            assumed,
             channels=left["channels"],
             videos=left["videos"],
             transcripts=left["transcripts"],
@@ -127,6 +132,7 @@ def _state(run: Run) -> dict[str, Any]:
         "kinds": {},
         "spent": {"search": 0, "general": 0},
         "open_searches": None,
+        "open": False,
     }
     if not path.is_file():
         return empty
@@ -134,6 +140,7 @@ def _state(run: Run) -> dict[str, Any]:
     with reading.state(path, PAYLOADS) as frontier:
         return {
             "kinds": frontier.kinds(),
+            "open": any(frontier.ready(kind) for kind in (SEARCHES, UPLOADS, VIDEOS)),
             "spent": {bucket: frontier.spent(bucket, day) for bucket in ("search", "general")},
             "open_searches": [
                 payload.page
@@ -163,6 +170,23 @@ def _measured(state: dict[str, Any]) -> tuple[dict[str, float], list[str]]:
     return rates, assumed
 
 
+def _next_round(profile: YouTubeSection, kinds: dict[str, dict[str, int]]) -> dict[str, int]:
+    """What a new round asks for where nothing is new: the searches of the last one, and the first
+    page of each list.
+    """
+    lists = sum(kinds.get(UPLOADS, {}).values())
+    searches = min(
+        sum(kinds.get(SEARCHES, {}).values()), len(profile.keywords) * profile.search_pages
+    )
+    return {
+        "searches": searches,
+        "channels": lists,
+        "pages": lists,
+        "videos": 0,
+        "transcripts": to_read(kinds, TRANSCRIPTS),
+    }
+
+
 def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[str, int]:
     kinds, pages = state["kinds"], profile.search_pages
     if state["open_searches"] is None:
@@ -187,7 +211,7 @@ def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[
 def _left_of_ids(run: Run, ids: Path, part: Part, state: dict[str, Any]) -> dict[str, int]:
     """A known list: no searches and no lists."""
     mine = share(part)
-    wanted = {key for key in RULES.read_some(ids, run.progress.say).keys if mine(key)}
+    wanted = {key for key in RULES.some_ids_in(ids, run.progress.say).keys if mine(key)}
     rates, _ = _measured(state)
     path = Layout(run.root).state("youtube")
     pending = 0

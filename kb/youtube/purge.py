@@ -109,7 +109,7 @@ def forget(purge: Purge) -> None:
 
 RULES = PurgeRules(
     "youtube",
-    IDS.read_some,
+    IDS.some_ids_in,
     rows=(
         *(location_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
         location_of("pairs/pairs", "video_id"),

@@ -1,6 +1,7 @@
 """Figures of videos, in the order of the report."""
 
 import itertools
+from dataclasses import dataclass
 from functools import partial
 
 from kb.core.config.profile import Profile
@@ -25,6 +26,36 @@ from kb.youtube.section import YouTubeSection
 
 _VIDEOS = "youtube/videos"
 _CHANNELS = 10
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Whose the videos are: (title, videos) of the largest channels; `half`: how many have half."""
+
+    videos: int
+    channels: int
+    half: int
+    largest: list[tuple[str, int]]
+
+
+def largest_channels(data: ReportData, n: int) -> Channels | None:
+    """The `n` channels with most videos, and how many there are; None when none is named."""
+    sums = data.rows(
+        "youtube/videos",
+        "WITH c AS (SELECT count(*) AS n FROM {t} WHERE channel_id IS NOT NULL"
+        " GROUP BY channel_id), s AS (SELECT n, sum(n) OVER () AS whole, sum(n) OVER"
+        " (ORDER BY n DESC ROWS UNBOUNDED PRECEDING) - n AS before FROM c)"
+        " SELECT sum(n), count(*), count(*) FILTER (before * 2 < whole) FROM s",
+    )
+    if not sums or not sums[0][0]:
+        return None
+    largest = data.rows(
+        "youtube/videos",
+        "SELECT coalesce(min(channel_title), channel_id), count(*) AS n FROM {t}"
+        " WHERE channel_id IS NOT NULL GROUP BY channel_id"
+        f" ORDER BY n DESC, channel_id LIMIT {n}",
+    )
+    return Channels(int(sums[0][0]), sums[0][1], sums[0][2], largest)
 
 
 def durations(data: ReportData, profile: Profile) -> Figure | None:
@@ -75,7 +106,7 @@ def durations(data: ReportData, profile: Profile) -> Figure | None:
 
 def channels(data: ReportData, profile: Profile) -> Figure | None:
     """How many of the videos the largest channels have."""
-    share = data.channels(_CHANNELS)
+    share = largest_channels(data, _CHANNELS)
     if share is None:
         return None
     shown = sum(n for _, n in share.largest) / share.videos

@@ -16,6 +16,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core import scripts
 from kb.core.installation import np
 from kb.filters.predicates import (
     PUBLIC,
@@ -32,15 +33,23 @@ from kb.schema.video_facts import BY_KEYWORDS, BY_LABEL, BY_PROFILE
 from kb.store.tables.columns import column
 from kb.youtube.section import YouTubeSection
 
-_EDGE = r"[^\pL\pN_]"
+# Where no spaces stand between words, a word begins and ends anywhere.
+_EDGE = rf"(?:[^\pL\pN_]|[{scripts.UNSPACED}])"
 
 
 def whole_words(phrases: Sequence[str]) -> str:
     """An RE2 pattern that finds any of the phrases as whole words,
     whatever their case and spaces.
     """
-    inner = "|".join(r"\s+".join(re.escape(word) for word in phrase.split()) for phrase in phrases)
-    return rf"(?i)(?:^|{_EDGE})(?:{inner})(?:$|{_EDGE})"
+    return "(?i)" + "|".join(map(_whole, filter(str.strip, phrases)))
+
+
+def _whole(phrase: str) -> str:
+    words = r"\s+".join(re.escape(word) for word in phrase.split())
+    first, last = phrase.strip()[0], phrase.strip()[-1]
+    before = "" if scripts.is_word(first) else rf"(?:^|{_EDGE})"
+    behind = "" if scripts.is_word(last) else rf"(?:$|{_EDGE})"
+    return f"{before}{words}{behind}"
 
 
 @dataclass(frozen=True)

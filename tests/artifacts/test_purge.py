@@ -197,8 +197,10 @@ def test_only_answers_that_may_hold_a_key_are_decoded(segment: Path) -> None:
 
     before = segment.read_bytes()
     frames = list(rawlog.Frames(segment))
-    assert rewrite_segment(segment, changed_frames(segment, Matcher(gone), strip)) == 2
+    starts = [start for start, _, _ in changed_frames(segment, Matcher(gone), strip)]
+    assert starts == [frames[6][0], frames[39][0]]
     assert seen == ["v007,w007", "v040,w040"]
+    rewrite_segment(segment, starts, strip)
     left = [one for _, one in rawlog.Frames(segment)]
     lines = [line for _, line in frames]
     assert left == [
@@ -210,10 +212,7 @@ def test_only_answers_that_may_hold_a_key_are_decoded(segment: Path) -> None:
     # Frames without a key are the same bytes.
     assert segment.read_bytes().startswith(before[: frames[6][0]])
     assert segment.read_bytes().endswith(before[frames[40][0] :])
-
-    again = segment.stat().st_mtime_ns
-    assert rewrite_segment(segment, changed_frames(segment, Matcher(gone), strip)) == 0
-    assert segment.stat().st_mtime_ns == again  # nothing to take out: not written again
+    assert not list(changed_frames(segment, Matcher(gone), strip))
 
 
 @pytest.mark.parametrize("name", ["t1_ab", "t3_ab"])

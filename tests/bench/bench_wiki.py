@@ -51,7 +51,7 @@ def section():
 
 @pytest.fixture
 def make_pool(wiki, section):
-    programs = chromium.find()
+    programs = chromium.find_programs()
     hosts, origins = reach(wiki, ())
 
     def start():

@@ -1,11 +1,13 @@
 """What a profile's keywords find in texts of your own, line by line.
 
+    python -m tests.bench.keyword_coverage --documentation
     python -m tests.bench.keyword_coverage --set streams=DIR --set prompts=FILE \\
         --controls talks=DIR [--names FILE] [--profile NAME|FILE]
 
 A set is a file or a folder of files: .txt with a line for each thing that is said, .vtt or .srt. A
 file counts as one video. `--controls`: texts about anything else, where every hit is a false one.
-`--names`: words, one a line, that name things of the domain; recall is of lines of at least five
+`--documentation`: Python's own reference, as `help()` shows it, is such a control. `--names`:
+words, one a line, that name things of the domain; recall is of lines of at least five
 words that hold one of them. Each set is measured twice: topic unknown, and topic known.
 """
 
@@ -14,6 +16,7 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
+from pydoc_data.topics import topics
 from typing import Any
 
 import pyarrow as pa
@@ -37,6 +40,7 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     asked.add_argument("--set", action="append", default=[], metavar="NAME=PATH")
     asked.add_argument("--controls", action="append", default=[], metavar="NAME=PATH")
+    asked.add_argument("--documentation", action="store_true")
     asked.add_argument("--names", type=Path)
     asked.add_argument("--profile", default="minecraft")
     given = asked.parse_args()
@@ -46,18 +50,34 @@ def main() -> None:
     words = "|".join(re.escape(phrase(one)) for one in names if phrase(one))
     naming = re.compile(rf"(?<!\S)(?:{words})(?!\S)") if words else None
     print(f"{'set':24}{'topic':9}{'lines':>9}{'with hit':>10}{'per 1,000 words':>17}{'recall':>9}")
-    for kind, sets in (("", given.set), ("control ", given.controls)):
-        for one in sets:
-            name, _, path = one.partition("=")
-            spoken = [lines_of(file) for file in files_of(Path(path))]
-            for known in (False, True):
-                row = measured(tools, spoken, naming, known=known)
-                topic = "known" if known else "unknown"
-                print(
-                    f"{kind + name:24}{topic:9}{row['lines']:9,}{row['covered']:10.1%}"
-                    f"{row['per_1000']:17.2f}"
-                    + (f"{row['recall']:9.1%}" if row["recall"] is not None else f"{'–':>9}")
-                )
+    sets = [(name, _spoken(path)) for name, path in _named(given.set)]
+    sets += [(f"control {name}", _spoken(path)) for name, path in _named(given.controls)]
+    if given.documentation:
+        sets.append(("control documentation", documentation()))
+    for name, spoken in sets:
+        for known in (False, True):
+            row = measured(tools, spoken, naming, known=known)
+            topic = "known" if known else "unknown"
+            print(
+                f"{name:24}{topic:9}{row['lines']:9,}{row['covered']:10.1%}"
+                f"{row['per_1000']:17.2f}"
+                + (f"{row['recall']:9.1%}" if row["recall"] is not None else f"{'–':>9}")
+            )
+
+
+def _named(given: list[str]) -> list[tuple[str, Path]]:
+    return [(name, Path(path)) for name, _, path in (one.partition("=") for one in given)]
+
+
+def _spoken(path: Path) -> list[list[str]]:
+    return [lines_of(file) for file in files_of(path)]
+
+
+def documentation() -> list[list[str]]:
+    """The lines of each topic of Python's reference."""
+    return [
+        [line for line in text.splitlines() if line.strip()] for _, text in sorted(topics.items())
+    ]
 
 
 def files_of(path: Path) -> list[Path]:

@@ -9,9 +9,10 @@ import av
 import numpy as np
 import pytest
 
+from kb.clips.clip_sources import cut
 from kb.clips.film_lookup import candidates
 from kb.clips.frames import UndecodableVideo, frames_at
-from tests.clips.films import Film, film, number_of, turned
+from tests.clips.films import Film, bars, film, number_of, turned
 
 OPTIONS = {
     "libx264": {"preset": "veryfast", "bf": "3"},
@@ -108,6 +109,46 @@ def test_times_are_those_of_the_film_whenever_its_clock_begins(tmp_path: Path, n
     made = film(tmp_path / name, codec, range(20, 80), Fraction(1, 25), format_options=options)
     got = list(frames_at(made.path, [0.0, 0.5, 0.81, 0.85, 2.39, 3.0]))
     assert [number_of(image) for image in got] == [0, 12, 20, 21, 59]
+
+
+def _film_after_sound(path: Path, begins_s: int) -> None:
+    """A film of 5 pictures a second, whose sound begins at 0 s and whose picture later; 40 s."""
+    with av.open(str(path), "w") as out:
+        video = out.add_stream("libx264", rate=Fraction(5))
+        video.width, video.height, video.pix_fmt = 160, 96, "yuv420p"
+        video.codec_context.time_base = Fraction(1, 5)
+        sound = out.add_stream("aac", rate=8000, layout="mono")
+        packets: list[av.Packet] = []
+        for number in range(40 * 8):
+            silence = np.zeros((1, 1000), np.float32)
+            samples = av.AudioFrame.from_ndarray(silence, format="fltp", layout="mono")
+            samples.sample_rate, samples.pts = 8000, 1000 * number
+            samples.time_base = Fraction(1, 8000)
+            packets += sound.encode(samples)
+        packets += sound.encode(None)
+        for number in range((40 - begins_s) * 5):
+            frame = av.VideoFrame.from_ndarray(bars(number, 160, 96), format="rgb24")
+            frame.pts, frame.time_base = begins_s * 5 + number, Fraction(1, 5)
+            packets += video.encode(frame)
+        packets += video.encode(None)
+        for packet in sorted(packets, key=lambda packet: packet.dts * packet.time_base):
+            out.mux(packet)
+
+
+@pytest.mark.parametrize("name", ["v.mkv", "v.mp4"])
+@pytest.mark.parametrize("begins_s", [3, 20])
+def test_a_clip_before_the_first_picture_is_left_out(
+    tmp_path: Path, name: str, begins_s: int
+) -> None:
+    path = tmp_path / name
+    _film_after_sound(path, begins_s)
+    starts = (0, begins_s - 2, begins_s, begins_s + 5)
+    times = [np.array([start + 0.1, start + 3.1]) for start in starts]
+    clips = {
+        clip: [number_of(image) for image in images]
+        for clip, images in cut(path, times, (96, 160), "stretch")
+    }
+    assert clips == {2: [0, 15], 3: [25, 40]}
 
 
 def test_an_edit_list_that_cuts_the_beginning(plain: Callable[..., Film]) -> None:

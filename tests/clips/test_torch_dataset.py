@@ -79,7 +79,7 @@ def source(
     return {"shards": out}
 
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*the film ends before the clip")
+pytestmark = pytest.mark.filterwarnings("ignore:.*the film has no picture for the whole clip")
 
 
 def _keys(clips: Any) -> list[str]:
@@ -216,7 +216,9 @@ def test_a_state_of_other_clips_is_refused(root: Path, films: Path) -> None:
 def test_pairs_without_a_clip_are_counted_or_warned_of(root: Path, films: Path) -> None:
     dataset = kb.load(root).clips().torch(films, **SMALL)
     assert dataset.left_out == {"missing": 2}
-    with pytest.warns(UserWarning, match="has no clip: the film ends before the clip") as warned:
+    with pytest.warns(
+        UserWarning, match="has no clip: the film has no picture for the whole clip"
+    ) as warned:
         list(dataset)
     assert len(warned) == 2
 

@@ -162,6 +162,15 @@ def test_formats_are_made_when_they_are_named(unbuilt: Job) -> None:
     assert "'nothing'" in refused.stderr
 
 
+def test_a_folder_that_is_released_for_the_first_time_is_described_by_the_same_build(
+    unbuilt: Job,
+) -> None:
+    for step in ("youtube filter", "youtube export", "release"):
+        unbuilt.done(*step.split())
+    assert unbuilt.done("build", "release")["failed"] == 0
+    assert planned(unbuilt, "release") == {}
+
+
 def test_after_a_failure_everything_else_is_still_made(job: Job) -> None:
     """Of YouTube nothing is kept, which is a size; damaged raw data of Reddit are a failure."""
     edit(job, "profile.toml", ("min_views = 100", "min_views = 500_000_000"))

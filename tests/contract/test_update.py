@@ -14,6 +14,8 @@ from kb.sandbox.world import World
 from kb.store.lock import writer
 from tests.contract.conftest import Figureless as Job
 from tests.faults import Sandbox
+from tests.reddit.dumped import post, write
+from tests.youtube.ytdlp.folder import write_video
 
 LATER = "2027-01-10T12:00:00Z"
 
@@ -138,3 +140,45 @@ def test_only_what_was_crawled_takes_part(job: Job) -> None:
     for lacking in ("REDDIT_CLIENT_ID", "KB_CONTACT"):
         assert job.kb("update", **{lacking: ""}).returncode == 2
     assert len(job.sandbox.ledger) == before
+
+
+def test_the_plan_counts_the_round_that_it_would_start(job: Job) -> None:
+    """Within 5 % of what the update then sends, where nothing is new; and by phase."""
+    job.done("youtube", "crawl")
+    job.done("reddit", "crawl")
+    plan = job.done("update", "--plan")
+    assert "nothing is new since the last round" in plan["assumed"]
+    phases = {one["phase"]: one["requests"] for one in plan["phases"]}
+    assert phases["youtube crawl: searches"] > 0
+    assert phases["youtube crawl: channels"] > 0
+    before = len(job.sandbox.ledger)
+    job.done("update")
+    sent = len(asked(job, before))
+    assert abs(plan["requests"] - sent) <= 0.05 * sent
+
+
+def test_what_was_imported_is_read_again_without_a_request(job: Job, tmp_path: Path) -> None:
+    """New files in the folders and dumps that the root remembers."""
+    folder, dump = tmp_path / "films", tmp_path / "dumps"
+    folder.mkdir()
+    dump.mkdir()
+    write_video(folder, 1)
+    write(dump / "RS_2024-01.zst", [post("p1")])
+    job.done("youtube", "import", str(folder))
+    job.done("reddit", "import", str(dump))
+    write_video(folder, 2)
+    write(dump / "RS_2024-02.zst", [post("p2")])
+    plan = job.done("update", "--plan")
+    assert plan["requests"] == 0
+    assert {one["phase"]: one["items"] for one in plan["phases"]} == {
+        "youtube import: folders and files": 1,
+        "reddit import: folders and files": 1,
+    }
+    done = job.done("update")
+    for source in ("youtube", "reddit"):
+        assert done["sources"][source][f"{source} import"]["crawled"] == 1
+    assert len(job.sandbox.ledger) == 0
+    folder.rename(tmp_path / "elsewhere")
+    failed = job.kb("update", "--json")
+    assert failed.returncode == 1
+    assert "films, which was imported before, is gone" in failed.stderr

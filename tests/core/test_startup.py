@@ -37,7 +37,7 @@ def test_libraries_of_the_hub_are_told_before_they_are_imported() -> None:
 def test_the_trap_sees_the_browser_too(tmp_path: Path) -> None:
     """Or its silence in the demo would show nothing."""
     try:
-        browser = chromium.find().browser
+        browser = chromium.find_programs().browser
     except MissingExtra as error:
         skip_or_fail(str(error))
     if trap.namespace() is None:

@@ -207,7 +207,7 @@ class Spoiled:
         repair = ("verify", "--repair")
         ended = harm.run(repair, self._env, self._folder)
         kind, _, source = self.place.name.partition("/")
-        if kind == "raw" or (ended.code and kind == "state"):
+        if kind in ("raw", "annotations") or (ended.code and kind == "state"):
             for words in ((source, "crawl"), ("build", "pairs", "release"), repair):
                 ended = harm.run(words, self._env, self._folder)
         if ended.code:

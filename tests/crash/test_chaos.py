@@ -80,6 +80,7 @@ def test_joined_by_a_second_one_both_are_right(made: Worlds, name: str, tmp_path
     [
         ("raw/youtube", "cut"),
         ("state/reddit", "empty"),
+        ("annotations/youtube", "flip"),
         ("clean/youtube", "flip"),
         ("index/reddit", "flip"),
         ("pairs", "delete"),

@@ -128,12 +128,7 @@ class Worlds:
         root = shutil.copytree(self.base("released"), self.base("purged"))
         for source in self.sources:
             self._done(*self._purge(source).words, f"--data={root}")
-        # A purge keeps the depth of answers to what went; a filter finds no ancestor any more.
-        for step in ("filter", "export"):
-            for source in self.sources:
-                self._done(source, step, f"--data={root}")
-        for step in ("pairs", "links", "release", "index"):
-            self._done(step, f"--data={root}")
+        self._done("build", "pairs", "links", "release", "index", f"--data={root}")
 
     def _done(self, *words: str) -> None:
         ended = harm.run([*words, "--quiet"], self._job.env, self.place)
@@ -263,7 +258,7 @@ def services(wiki: bool = True) -> tuple[Sandbox, bool]:
     """The services to be asked, not yet listening; whether there is a browser for the wiki's."""
     if wiki:
         try:
-            chromium.find()
+            chromium.find_programs()
         except MissingExtra:
             wiki = False
     names = ["youtube", "reddit", "zenodo", *(["wiki"] if wiki else [])]

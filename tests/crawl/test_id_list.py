@@ -119,34 +119,34 @@ VIDEOS = {
 
 @pytest.mark.parametrize("form", VIDEOS)
 def test_video_ids(tmp_path: Path, form: str) -> None:
-    assert VIDEO_IDS.read(written(tmp_path, VIDEOS[form]))[::2] == ([A, B], 0)
+    assert VIDEO_IDS.ids_in(written(tmp_path, VIDEOS[form]))[::2] == ([A, B], 0)
 
 
 def test_entries_that_are_no_ids_are_counted_and_one_line_says_so(tmp_path: Path) -> None:
     said: list[str] = []
     path = written(tmp_path, f"youtube {A}\nvimeo 123456789\nnot an id\n")
-    assert VIDEO_IDS.read(path, said.append)[::2] == ([A], 2)
+    assert VIDEO_IDS.ids_in(path, said.append)[::2] == ([A], 2)
     (line,) = said
     assert "2 bad lines" in line
     assert "vimeo 123456789" in line
     odd = json.dumps([{"title": "x"}, None, A, {"id": None}, [], {}])
-    assert VIDEO_IDS.read(written(tmp_path, odd))[::2] == ([A], 4)
+    assert VIDEO_IDS.ids_in(written(tmp_path, odd))[::2] == ([A], 4)
     with pytest.raises(SettingError):
-        VIDEO_IDS.read_some(written(tmp_path, "vimeo 1\n"))
+        VIDEO_IDS.some_ids_in(written(tmp_path, "vimeo 1\n"))
 
 
 def test_a_column_of_parquet_is_found_by_its_name_or_its_values(tmp_path: Path) -> None:
     for name in ("videoId", "Video ID", "clip"):
         path = tmp_path / f"{name}.parquet"
         pq.write_table(pa.table({"n": [1, 2], "title": ["x", "Description"], name: [A, B]}), path)
-        assert VIDEO_IDS.read(path)[::2] == ([A, B], 0)
+        assert VIDEO_IDS.ids_in(path)[::2] == ([A, B], 0)
 
 
 def test_what_is_no_video_in_an_answer_is_counted(tmp_path: Path) -> None:
     channel = {"id": {"kind": "youtube#channel", "channelId": "UCkkkkkkkkk"}}
     playlist = {**found(A), "id": {"kind": "youtube#playlist", "playlistId": "PLkkkkkkkkk"}}
     text = json.dumps({"items": [found(A), channel, playlist]})
-    assert VIDEO_IDS.read(written(tmp_path, text))[::2] == ([A], 2)
+    assert VIDEO_IDS.ids_in(written(tmp_path, text))[::2] == ([A], 2)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_what_is_no_video_in_an_answer_is_counted(tmp_path: Path) -> None:
 )
 def test_a_list_without_ids_is_shown_by_its_first_line(tmp_path: Path, text: str) -> None:
     with pytest.raises(SettingError) as error:
-        VIDEO_IDS.read_some(written(tmp_path, text))
+        VIDEO_IDS.some_ids_in(written(tmp_path, text))
     assert repr(text.splitlines()[0]) in str(error.value)
     assert error.value.exit_code == 2
 
@@ -220,14 +220,14 @@ def test_a_wiki_full_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["<mediawiki>\n<page>", '\ufeff\n<?xml version="1.0"?>\n<x/>'])
 def test_xml_is_refused(tmp_path: Path, text: str) -> None:
     path = written(tmp_path, text, "dump.xml")
-    for read in (read_titles, NAMES.read, VIDEO_IDS.read, read_wanted):
+    for read in (read_titles, NAMES.ids_in, VIDEO_IDS.ids_in, read_wanted):
         with pytest.raises(SettingError, match="XML") as error:
             read(path)
         assert error.value.exit_code == 2
 
 
 def test_pages_by_id_are_told_from_titles_that_are_numbers(tmp_path: Path) -> None:
-    found = NAMES.read(written(tmp_path, json.dumps([7, "2048", {"page_id": 9, "title": "x"}])))
+    found = NAMES.ids_in(written(tmp_path, json.dumps([7, "2048", {"page_id": 9, "title": "x"}])))
     assert (found.keys, found.numbers) == (["7", "2048", "9"], {"7", "9"})
 
 
@@ -243,7 +243,7 @@ def test_reddit_names_and_trees(tmp_path: Path) -> None:
     assert ([*wanted.names], wanted.trees) == ([], ["abc", "def"])
 
 
-@pytest.mark.parametrize("read", [VIDEO_IDS.read_some, read_titles, read_wanted])
+@pytest.mark.parametrize("read", [VIDEO_IDS.some_ids_in, read_titles, read_wanted])
 def test_what_cannot_be_read_is_a_wrong_option(read, tmp_path: Path) -> None:
     other = tmp_path / "other.parquet"
     pq.write_table(pa.table({"n": [1]}), other)

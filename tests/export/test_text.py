@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from tokenizers import Tokenizer, models, pre_tokenizers, trainers
+from tokenizers import Tokenizer, models, pre_tokenizers, processors, trainers
 
 from kb.artifacts import freshness
 from kb.artifacts.makers import make_artifact
@@ -183,13 +183,68 @@ def test_chunks_begin_at_headings_and_hold_no_more_than_asked(tmp_path: Path) ->
     assert len(list(text._chunks("# T", pieces[:4], TextOptions(200)))) == 1
 
 
+LONG = {
+    "japanese": "窯を開けると釉薬が青く光っていた。みんなで静かに眺めました。" * 40,
+    "thai": "เตาเผาร้อนมากวันนี้เราเผาเครื่องปั้นดินเผา" * 40,
+    "khmer": "ខ្ញុំចូលចិត្តដីឥដ្ឋណាស់" * 60,
+    "base64": "R2xhemUgaXMgYmx1ZSBhbmQgY2xheSBpcyByZWQu" * 60,
+    "an address": "https://kiln.example/a?" + "&".join(f"shelf{n}={n * 7919}" for n in range(200)),
+    "emoji": "👩‍🚀🏺" * 300,
+    "mixed": "The kiln 窯は開いた。" * 80,
+    "words": "The glaze is done. Open the kiln now! " * 90,
+}
+
+
+@pytest.mark.parametrize("known", [False, True], ids=["estimated", "tokenizer"])
+@pytest.mark.parametrize("said", LONG.values(), ids=LONG)
+def test_a_text_without_spaces_is_cut_and_nothing_of_it_is_lost(
+    said: str, known: bool, tmp_path: Path
+) -> None:
+    trained = Tokenizer(models.BPE(byte_fallback=True))
+    trained.pre_tokenizer = pre_tokenizers.ByteLevel(add_prefix_space=False)
+    alphabet = pre_tokenizers.ByteLevel.alphabet()
+    special = ["[A]", "[Z]"]
+    trained.train_from_iterator(
+        LONG.values(),
+        trainers.BpeTrainer(vocab_size=400, initial_alphabet=alphabet, special_tokens=special),
+    )
+    ends = [(name, trained.token_to_id(name)) for name in special]
+    trained.post_processor = processors.TemplateProcessing("[A] $A [Z]", None, ends)
+    trained.save(str(tmp_path / "tokenizer.json"))
+    options = TextOptions(64, str(tmp_path / "tokenizer.json") if known else "")
+    for title in ("T", said[:300]):
+        pieces = [TextPiece("Before."), TextPiece(said, begins=True)]
+        chunks = list(text._chunks(f"# {title}", pieces, options))
+        body = [one.partition("\n\n")[2] for one in chunks]
+        begun = "" if chunks[0].startswith(f"# {title}\n\n") else title
+        assert "".join("".join(body).split()) == "".join(f"{begun}Before.{said}".split())
+        for one in chunks:
+            size = len(trained.encode(one).ids) if known else text.count(one, options)
+            assert size <= 64
+            assert not text._is_mark(one.split("\n\n")[-1][0])
+    if (said.isascii() and " " in said) or "。" in said:
+        ends = [one for one in body[2:-1] if one[-1] in ".!。"]
+        assert len(ends) >= 0.9 * len(body[2:-1])
+
+
+def test_an_estimate_suits_the_script() -> None:
+    for said, least, most in (
+        ("so we build a house here", 6, 9),
+        ("窯を開けると釉薬が青い", 11, 16),
+        ("เตาเผาร้อนมาก", 12, 18),
+        ("R2xhemUgaXMgYmx1ZSBhbmQgY2xheSBpcyByZWQu", 20, 40),
+        ("창문을 열고 안을 본다", 5, 8),
+    ):
+        assert least <= text.count(said, TextOptions(64)) <= most, said
+
+
 def test_options_of_chunks_are_kept_and_asked_for_with_text_only(
     tmp_path: Path, run_at: Any, here: Here
 ) -> None:
     root = build(tmp_path / "data", sources=("reddit",))
     run = run_at(root)
     made = export(run, "reddit", "text", chunk_tokens=40)
-    assert made["tokens"] == "words × 1.3"
+    assert made["tokens"] == "words × 1.3, as are signs of scripts without spaces"
     before = lines(root, "reddit")
     assert {"document", "chunk", "chunks"} <= set(before[0]["metadata"])
     make_artifact(run, "export/text/reddit.jsonl")  # as a purge does

@@ -167,7 +167,7 @@ def test_an_odd_judgement_keeps_no_other_from_being_taken(root: Path, here: Here
     file = exported(root.parent / "e.json", given)
     done = here("label", "import", str(file), "--data", str(root), "--json")
     summary = json.loads(done.out.splitlines()[-1])
-    assert (done.code, summary["labels"], summary["skipped"]) == (0, 3, 1)
+    assert (done.code, summary["labels"], summary["no_result"]) == (0, 3, 1)
     rows = {row["item_id"]: row for row in _labels(root)}
     assert rows[two["item_id"]]["annotator"] == 0
     assert rows[two["item_id"]]["labelled_at"].timestamp() == 1_700_000_000
@@ -183,7 +183,7 @@ def test_an_odd_judgement_keeps_no_other_from_being_taken(root: Path, here: Here
         "{}",
         '[{"item_id": "a", "kind": "pair", "visible": "yes"}]',  # JSON-MIN
         '[{"data": {"text": "another project"}, "annotations": []}]',
-        '[{"data": {"item_id": "a", "kind": "pair", "video_id": "b"}, "annotations": [{}]}]',
+        '[{"data": {"item_id": "a", "kind": "pot", "video_id": "b"}, "annotations": []}]',
     ],
 )
 def test_a_file_that_is_no_export_loses_nothing(root: Path, here: Here, text: str) -> None:
@@ -230,3 +230,29 @@ def test_fleiss_kappa_of_a_known_table() -> None:
 def test_nothing_is_said_where_nothing_is_shared_or_differs() -> None:
     assert agreement(np.array([[0, -1], [-1, 1]]), 2)["items"] == 0
     assert agreement(np.array([[0, 0], [0, 0]]), 1)["kappa"] is None
+
+
+@pytest.mark.parametrize("annotation", [None, 5, "text", [], {}, {"result": None}, {"result": {}}])
+def test_an_annotation_without_a_result_costs_itself(
+    root: Path, here: Here, annotation: Any
+) -> None:
+    first, second, *_ = items(root.parent / "project")
+    given = [(first, [annotation, judgement(1, visible="yes")]), (second, [annotation])]
+    file = exported(root.parent / "e.json", given)
+    done = here("label", "import", str(file), "--data", str(root), "--json")
+    summary = json.loads(done.out.splitlines()[-1])
+    assert (done.code, summary["labels"]) == (0, 1)
+    assert (summary["no_result"], summary["no_annotations"], summary["skipped"]) == (2, 0, 0)
+
+
+def test_a_task_without_annotations_costs_itself(root: Path, here: Here) -> None:
+    first, *others = items(root.parent / "project")
+    tasks: list[dict[str, Any]] = [{"data": data} for data in others[:3]]
+    tasks[1]["annotations"], tasks[2]["annotations"] = None, "none"
+    file = root.parent / "e.json"
+    file.write_text(
+        json.dumps([*tasks, {"data": first, "annotations": [judgement(1, visible="yes")]}])
+    )
+    done = here("label", "import", str(file), "--data", str(root), "--json")
+    summary = json.loads(done.out.splitlines()[-1])
+    assert (done.code, summary["labels"], summary["no_annotations"]) == (0, 1, 3)

@@ -66,7 +66,7 @@ def ask(client: Any) -> Ask:
         (content,) = answer.content
         said = Said(content.text)
         said.error = answer.is_error
-        assert len(said) <= max(LEAST, values.get("max_chars", DEFAULT))
+        assert len(said) <= max(LEAST, int(values.get("max_chars") or DEFAULT))
         return said
 
     return asked

@@ -28,6 +28,57 @@ def test_a_source_may_be_a_text_or_a_list(ask: Ask) -> None:
         assert "youtube" not in answer
 
 
+OPTIONAL = {
+    "search": (
+        {"query": "leather"},
+        "source kind entity since until least_score each limit max_chars",
+    ),
+    "read": ({"ref": "wiki:14"}, "max_chars"),
+    "query": ({"sql": "SELECT 1 AS n"}, "max_rows timeout_s max_chars"),
+    "about": ({}, "max_chars"),
+}
+
+
+def without_marks(answer: str) -> str:
+    """An answer without the number of its fence, which every answer has of its own."""
+    return re.sub(r"\b[0-9a-f]{16}\b", "", answer)
+
+
+@pytest.mark.parametrize("tool", OPTIONAL)
+def test_null_for_an_optional_argument_means_that_it_is_left_out(client: Any, tool: str) -> None:
+    opened, call = client
+    required, optional = OPTIONAL[tool]
+    nulls = dict.fromkeys(optional.split())
+    plain, filled = (
+        call(opened.call_tool, tool, values) for values in (required, required | nulls)
+    )
+    assert not plain.is_error
+    assert not filled.is_error
+    assert without_marks(filled.content[0].text) == without_marks(plain.content[0].text)
+
+
+def test_the_tools_have_the_optional_arguments_that_are_tried_with_null(client: Any) -> None:
+    opened, call = client
+    for tool in call(opened.list_tools).tools:
+        schema = tool.input_schema
+        names = set(schema["properties"]) - set(schema.get("required", ()))
+        assert names == set(OPTIONAL[tool.name][1].split())
+
+
+def test_a_number_as_text_is_read(ask: Ask) -> None:
+    assert not ask(
+        "query", sql="SELECT 1 AS n", max_rows="10", timeout_s="2.5", max_chars="2000"
+    ).error
+    assert not ask("search", query="leather", limit="2", each="0", least_score="0.5").error
+    assert not ask("search", query="2024").error
+
+
+def test_null_for_what_a_tool_needs_is_an_error(ask: Ask) -> None:
+    answer = ask("query", sql=None)
+    assert answer.error
+    assert "sql is missing" in answer
+
+
 @pytest.mark.parametrize(
     ("values", "said"),
     [

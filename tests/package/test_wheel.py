@@ -114,6 +114,7 @@ OPTIONAL = (
     "transformers",
     "detoxify",
     "onnxruntime",
+    "psutil",
     "selenium",
     "PIL",
     "dask",

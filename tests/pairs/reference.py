@@ -6,6 +6,8 @@ What the fast one is held against.
 import unicodedata
 from typing import NamedTuple
 
+from kb.core import scripts
+
 
 class Hit(NamedTuple):
     phrase: str
@@ -26,8 +28,8 @@ def joined(cues: list[dict]) -> str:
 
 
 def words(text: str) -> list[tuple[str, int, int]]:
-    """(folded word, start, end): runs of letters, digits and marks;
-    invisible characters are looked through.
+    """(folded word, start, end): runs of letters, digits and marks, and each sign of a script
+    without spaces; invisible characters are looked through.
     """
     found: list[tuple[str, int, int]] = []
     word, start, end = "", 0, 0
@@ -35,7 +37,11 @@ def words(text: str) -> list[tuple[str, int, int]]:
         kind = unicodedata.category(char)
         if (kind == "Cf" and char != "\u200b") or "\ufe00" <= char <= "\ufe0f":
             continue
-        if kind[0] in "LNM":
+        if scripts.is_word(char):
+            found += [(word, start, end)] if word else []
+            found.append((char, place, place + 1))
+            word = ""
+        elif kind[0] in "LNM":
             if not word:
                 start = place
             word, end = word + char.casefold(), place + 1

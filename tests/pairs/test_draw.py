@@ -15,7 +15,7 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import UsageError
 from kb.pairs.build import build
-from kb.pairs.draw import SPLIT, Limits, Pool, chosen_rows, draw, sides_of
+from kb.pairs.draw import SPLIT, Limits, Pool, chosen_rows, draw, sides_of, split_remarks
 from tests.conftest import needs
 from tests.pairs.made import fill
 
@@ -88,6 +88,31 @@ def test_no_group_is_on_two_sides_and_shares_are_right(videos: list[tuple[int, i
 def test_three_large_channels_have_a_side_each() -> None:
     bits = np.array([3, 1, 2], np.uint64)
     assert sorted(sides_of(np.array([50, 40, 60]), np.arange(3), bits).tolist()) == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("counts", "groups", "remark"),
+    [
+        ((90, 5, 5), 40, ""),
+        ((89, 7, 4), 40, ""),
+        ((9, 0, 0), 1, "no pairs for validation and test: "),
+        ((8, 0, 1), 2, "no pairs for validation: "),
+        ((60, 30, 10), 3, "the split is 60, 30, 10 % and not 90, 5, 5 %: "),
+        ((87, 8, 5), 9, "the split is 87, 8, 5 % and not 90, 5, 5 %: "),
+    ],
+)
+def test_a_split_that_is_not_as_promised_is_named_with_a_remedy(
+    counts: tuple[int, int, int], groups: int, remark: str
+) -> None:
+    sides = dict(zip(("train", "validation", "test"), counts, strict=True))
+    remarks = split_remarks(sides, groups)
+    assert len(remarks) == bool(remark)
+    for line in remarks:
+        assert line.startswith(remark)
+        assert f"are of {groups} such group" in line
+        assert line.endswith(
+            "draw from more channels: more pairs, a looser --where, or a larger --max-videos"
+        )
 
 
 @pytest.fixture(scope="module")
@@ -181,3 +206,26 @@ def test_what_people_answered_is_a_column(made: Run, tmp_path: Path) -> None:
     )
     draw(made, 1, Limits(), "visible = 'yes'", 0, tmp_path / "draw")
     assert pq.read_table(tmp_path / "draw/pairs.parquet")["pair_id"].to_pylist() == [ids[0]]
+
+
+def test_a_draw_of_one_channel_says_what_it_lacks(
+    made: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    [(first,)] = duckdb.sql(
+        f"SELECT video_id FROM '{made.root}/pairs/pairs-*.parquet' LIMIT 1"
+    ).fetchall()
+    draw(made, 2, Limits(), f"video_id = '{first}'", 0, tmp_path / "draw")
+    lacks = "o pairs for validation and test: a channel"
+    assert f"n{lacks}" in capsys.readouterr().err
+    assert f"**N{lacks}" in (tmp_path / "draw" / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("where", "named"),
+    [("langage = 'en'", "language"), ("token_cuont > 2", "token_count")],
+)
+def test_a_misspelled_column_of_a_condition_gets_the_candidates(
+    made: Run, tmp_path: Path, where: str, named: str
+) -> None:
+    with pytest.raises(UsageError, match=rf'Candidate bindings: .*"{named}"'):
+        draw(made, 2, Limits(), where, 0, tmp_path / "draw")

@@ -5,7 +5,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from kb.pairs.extract import Tools
-from kb.pairs.matching import Matcher
+from kb.pairs.matching import Matcher, phrase
 from kb.pairs.transcript_batch import Text
 from tests.pairs.conftest import transcripts
 from tests.pairs.reference import find, joined
@@ -109,6 +109,28 @@ def test_words(tools: Tools, said: str, expected: list[str]) -> None:
         raw[start:end].decode()
         for start, end in zip(found.start.tolist(), found.end.tolist(), strict=True)
     ] == expected
+
+
+@pytest.mark.parametrize(
+    ("keywords", "said", "expected"),
+    [
+        (("釉薬", "窯"), "窯を開けると釉薬が青い", ["窯", "釉薬"]),
+        (("苦力怕", "下界"), "我的苦力怕在下界 苦力怕", ["苦力怕", "下界", "苦力怕"]),
+        (("ดินเหนียว",), "ปั้นดินเหนียวก่อน", ["ดินเหนียว"]),
+        (("ដីឥដ្ឋ",), "ខ្ញុំចូលចិត្តដីឥដ្ឋណាស់", ["ដីឥដ្ឋ"]),
+        (("TNT", "TNT爆弾"), "大きなTNT爆弾とTNTを置く", ["TNT爆弾", "TNT"]),
+        (("釉薬 皿",), "釉薬、皿。釉薬皿", ["釉薬、皿", "釉薬皿"]),
+        (("kiln", "釉薬"), "the kilns 釉薬 kiln", ["釉薬", "kiln"]),
+        (("가마",), "가마를 열고 가마 안을", ["가마"]),  # Korean has spaces
+    ],
+)
+def test_a_keyword_is_found_where_no_spaces_are(
+    keywords: tuple[str, ...], said: str, expected: list[str]
+) -> None:
+    raw = f" {said} ".encode()
+    found = Matcher([phrase(one) for one in keywords]).find(raw)
+    spans = zip(found.start.tolist(), found.end.tolist(), strict=True)
+    assert [raw[start:end].decode() for start, end in spans] == expected
 
 
 def test_a_phrase_may_cross_cues_but_not_videos(tools: Tools) -> None:

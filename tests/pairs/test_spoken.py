@@ -4,6 +4,7 @@ game: every name is found, and no everyday phrase is.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import subprocess
@@ -18,6 +19,7 @@ from kb.core.installation import np
 from kb.pairs.extract import PairCounts, Tools, make_tools, matches
 from kb.pairs.keywords import load
 from kb.pairs.transcript_batch import Text
+from tests.bench.keyword_coverage import documentation, measured
 from tests.conftest import needs
 from tests.pairs.conftest import transcripts
 
@@ -135,6 +137,40 @@ def test_everyday_phrases_are_no_names_where_the_topic_is_unknown(
     tools: Tools, sentence: str
 ) -> None:
     assert found(tools, sentence, known=False) == set()
+
+
+def test_idioms_are_no_names(tools: Tools) -> None:
+    """Counted are those that no rule was made from."""
+    text = Path(__file__).with_name("idioms.txt").read_text(encoding="utf-8")
+    idioms = [line for line in text.splitlines() if not line.startswith("#")]
+    assert len(set(idioms)) == 200
+    odd = [line for line in idioms if hashlib.sha256(line.encode()).digest()[-1] % 2]
+    taken = {line: names for line in odd if (names := found(tools, line, known=True))}
+    assert len(taken) <= 0.05 * len(odd), taken
+
+
+def test_documentation_has_few_names(tools: Tools) -> None:
+    known, unknown = (
+        measured(tools, documentation(), None, known=known)["per_1000"] for known in (True, False)
+    )
+    assert known <= 3
+    assert unknown <= 0.1
+
+
+def test_idioms_take_no_name_with_them(tools: Tools) -> None:
+    for sentence, names in {
+        "put the water down right here": {"Water"},
+        "sharpen it on the grindstone": {"Grindstone"},
+        "break the block of ice": {"Block", "Ice"},
+        "the wolf is sitting down": {"Wolf"},
+        "this will be a chicken farm": {"Chicken", "Farm"},
+        "hit the chicken with the axe": {"Chicken", "Axe"},
+        "spiders drop string": {"Spider", "String"},
+        "three sticks and three pieces of string": {"Stick", "String"},
+        "fill a bucket and show them the iron door": {"Bucket", "Iron Door"},
+        "a block of gold in the gold ore": {"Block of Gold", "Gold Ore"},
+    }.items():
+        assert found(tools, sentence, known=True) == names, sentence
 
 
 def test_topic_words_need_the_topic_and_help_no_other(tools: Tools) -> None:

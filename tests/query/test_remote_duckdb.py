@@ -95,5 +95,5 @@ def test_tombstones_are_verified(demo: Path, tmp_path: Path) -> None:
 def test_only_files_of_the_tables_can_be_read(memory: fsspec.AbstractFileSystem) -> None:
     system = RemoteFiles()
     (there,) = remote_folders(f"{PLACE}/reddit")
-    address = system.add(there, SHARDS[0])
+    address = system.add_file(there, SHARDS[0])
     assert (system.glob(address), system.glob("address://0/profile.toml")) == ([address], [])

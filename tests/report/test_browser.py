@@ -79,7 +79,7 @@ class Running(Service):
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     try:
-        programs = chromium.find()
+        programs = chromium.find_programs()
     except MissingExtra as error:
         skip_or_fail(str(error))
     options = webdriver.ChromeOptions()

@@ -17,6 +17,8 @@ import pytest
 
 from kb.core.errors import FatalError
 from kb.core.sources import BY_DEFAULT
+from kb.explore import overview
+from kb.explore.tables import CurrentTables
 from kb.look import charts
 from kb.schema import table
 from kb.store.state import demo_mark
@@ -237,6 +239,11 @@ def test_totals_count_what_there_is(root: Path) -> None:
             [str(root / "clean" / "youtube" / "videos" / "*.parquet")],
         ).fetchall()
     assert totals["videos"] == str(videos)
+    shown = {noun: n for n, noun in overview.read(CurrentTables(root), {})["totals"]}
+    assert shown.keys() == totals.keys()  # the overview of kb explore
+    for noun, text in totals.items():
+        if text.replace(",", "").isdigit():  # the report shortens from 10,000 on
+            assert text == shown[noun]
     assert float(totals["hours of video"]) == pytest.approx(hours, rel=0.06)
     assert {"years of video", "words spoken", "pages", "boxes", "posts", "comments", "tasks"} <= {
         *totals

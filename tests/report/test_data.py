@@ -8,6 +8,7 @@ import pytest
 
 from kb.core.errors import DamagedData
 from kb.report.data import ReportData
+from kb.youtube.report import largest_channels
 from tests.recipes import report
 from tests.release.made import START, build
 from tests.report.made import a_run
@@ -57,6 +58,6 @@ def test_dates_are_counted_by_a_step_that_gives_few_bars(tmp_path: Path) -> None
 
 
 def test_share_of_the_channels(root: Path) -> None:
-    share = ReportData(a_run(root)).channels(3)
+    share = largest_channels(ReportData(a_run(root)), 3)
     assert share is not None
     assert (share.videos, share.channels, share.half, len(share.largest)) == (120, 7, 4, 3)

@@ -8,7 +8,7 @@ from kb.search import tantivy_index
 from kb.search.answers import search, suggest
 from kb.search.build import index
 from kb.search.passage import Passage, pieces, plain
-from kb.search.query import Term, question
+from kb.search.query import Term, function_words, question
 from kb.search.ranking import Only, Weights, rank
 from kb.search.tantivy_index import PassageIndex
 from tests.filters.made import run_at
@@ -126,9 +126,14 @@ def test_what_is_typed_becomes() -> None:
     assert question("wolf,dog").terms == question("wolf/dog").terms == question("wolf dog").terms
     assert question("wolf,craft*").terms == (Term("wolf"), craft)
     assert question("wolf -iron,dog").barred == (Term("iron"), Term("dog"))
-    asked = question("How do I tame the wolf?")
+    small = function_words("en").__contains__
+    asked = question("How do I tame the wolf?", small)
     assert asked.terms == (Term("tame"), Term("wolf"))
-    assert len(question("how to").terms) == 2
-    assert len(question('+how "to the" wolf').terms) == 3
+    assert len(question("how to", small).terms) == 2
+    assert len(question('+how "to the" wolf', small).terms) == 3
+    assert question("釉薬が青い TNT").terms == tuple(
+        map(Term, ("釉薬", "薬が", "が青", "青い", "TNT"))
+    )
+    assert question('釉薬 "青い窯"').needed == (Term("青い窯"),)
     assert question("x" + " y z" * 100).terms == question("x y z").terms
     assert len(question(" ".join(map(str, range(100)))).terms) == 32

@@ -64,7 +64,7 @@ class Known(NamedTuple):
 @pytest.fixture(scope="module")
 def known(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Known]:
     try:
-        chromium.find()
+        chromium.find_programs()
     except Exception as error:  # noqa: BLE001
         skip_or_fail(str(error))
     world = World(n_channels=8, n_videos=100)

@@ -33,7 +33,7 @@ class Quiet(WSGIRequestHandler):
 def programs() -> chromium.Programs:
     """Chromium and its driver."""
     try:
-        return chromium.find()
+        return chromium.find_programs()
     except MissingExtra as error:
         skip_or_fail(str(error))
 

@@ -100,8 +100,9 @@ def test_a_purge_that_was_killed_leaves_no_title_in_the_state(
         return real(*args, **options)
 
     def whole() -> None:
-        remove_keys(run, CLASSES["wiki"].connector(run), RULES, RULES.read_ids(ids, None))
-        steps.finish(tmp_path, "wiki")
+        listed = RULES.read_ids(ids, None)
+        purge, _ = remove_keys(run, CLASSES["wiki"].connector(run), RULES, listed)
+        steps.finish(purge)
 
     with monkeypatch.context() as patch:
         patch.setattr(place, name, killed)

@@ -5,6 +5,7 @@ again.
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -190,3 +191,23 @@ def test_a_missing_state_is_replayed_with_what_a_list_named(plain: Job, tmp_path
     for path in rawlog.all_segments(job.root, "youtube"):
         lines = [line for _, line in rawlog.Frames(path)]
         assert not [key for key in named if any(key.encode() in line for line in lines)]
+
+
+@pytest.mark.parametrize(
+    "words", [("status",), ("youtube", "crawl", "--plan"), ("youtube", "filter")], ids=" ".join
+)
+def test_the_first_command_that_needs_a_missing_state_replays_it(
+    job: Job, words: tuple[str, ...]
+) -> None:
+    def phases() -> dict[str, Any]:
+        shown = job.done("status")["sources"]["youtube"]["phases"]
+        return {name: shown[name] for name in ("videos", "transcripts")}
+
+    before, asked = phases(), len(job.sandbox.ledger)
+    for path in (job.root / "state").glob("youtube.sqlite*"):
+        path.unlink()
+    line = "youtube: its state is missing; it is replayed from raw data"
+    assert job.kb(*words).stderr.count(line) == 1
+    assert phases() == before
+    assert line not in job.kb(*words).stderr
+    assert len(job.sandbox.ledger) == asked

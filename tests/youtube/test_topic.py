@@ -18,6 +18,8 @@ from tests.filters.test_predicates import PROBLEMS, bad
         ("Minecraft", True),
         ("éminecraft", False),
         ("the マインクラフト x", True),
+        ("今日もマインクラフトで遊ぶ", True),
+        ("Minecraftで遊ぶ", True),
         ("Let's play\tguide", False),
         ("a  block\nhouse", True),
         ("C++ mods", True),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -53,7 +53,7 @@ def build(
         list[str] | None,
         typer.Argument(
             metavar="[NAME]...",
-            help="youtube, wiki, reddit, pairs, tasks, links, index, report, release, or an export"
+            help=f"{', '.join(SOURCES)}, pairs, tasks, links, index, report, release, or an export"
             " format. [default: all but the formats]",
         ),
     ] = None,
@@ -185,7 +185,7 @@ def update(
     sources: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[SOURCE]...", help="youtube, wiki or reddit. [default: all crawled ones]"
+            metavar="[SOURCE]...", help=f"{', '.join(SOURCES)}. [default: all crawled ones]"
         ),
     ] = None,
     plan: Plan = False,
@@ -193,32 +193,31 @@ def update(
     """Bring a data root up to date, as a timer does.
 
     It reads again what is older than the services' terms allow, crawls what is new, purges what was
-    deleted there, then builds. Only sources that this data root has crawled through a service. A
-    crawl keeps to --ids, --titles, --part and --since of the newest one, and to no --until. What
-    ends one source does not keep the others and the build from going on, and the next run goes on
-    there. The exit code is 1 where something failed, else 4 where somebody has to act (such as a
-    captcha), else 3 where a quota or limit passes with time.
+    deleted there, then builds. Only sources that this data root has crawled through a service, and
+    imported ones, whose folders and dumps are read again without a request. A crawl keeps to --ids,
+    --titles, --part and --since of the newest one, and to no --until. What ends one source does not
+    keep the others and the build from going on, and the next run goes on there. The exit code is 1
+    where something failed, else 4 where somebody has to act (such as a captcha), else 3 where a
+    quota or limit passes with time.
     """
-    chosen = _crawled_sources(run, sources or [])
+    chosen = _steps_due(run, sources or [])
     if plan:
         return _planned_update(run, chosen)
     done: dict[str, dict[str, Any]] = {name: {} for name in chosen}
     failures: list[tuple[str, KbError]] = []
-    for name, step in ((one, step) for one in chosen for step in _steps_of(one)):
+    for name, step in ((name, step) for name, steps in chosen.items() for step in steps):
         if not step.startswith("purge ") and any(name in one.split() for one, _ in failures):
             continue  # what is known to be gone goes all the same
         run.progress.say(f"kb {step}")
-        crawls = step.endswith(" crawl")
         # An unfinished round goes on; a finished one is followed by the next.
-        as_run = replace(run, again=crawls)
+        as_run = replace(run, again=step.endswith(" crawl"))
         try:
             if step.startswith("purge "):  # what it removes is made again by the build at the end
                 purge = Recipe("purge").defined("purge")
                 done[name][step] = purge(as_run, name, None, build=False)
                 continue
             command_: Any = find_command(step.split())
-            bounds = _as_before(run, name) if crawls else {}
-            done[name][step] = command_.function(as_run, **bounds)
+            done[name][step] = command_.function(as_run, **_as_before(run, name, step))
         except KbError as error:
             failures.append((step, error))
             done[name][step] = (error.summary or {}) | ending(error, str(error))
@@ -245,22 +244,38 @@ def update(
     raise worst
 
 
-def _steps_of(source: str) -> list[str]:
-    """The commands that ask the service, in order: first what its terms ask for, as a crawl may
-    spend the quota, then what removes.
+def _steps_of(source: str, *, crawled: bool, imported: bool) -> list[str]:
+    """The commands that bring a source up to date, in order: what is read from files, what the
+    service's terms ask for, as a crawl may spend the quota, what is new there, and what removes.
     """
-    refresh = [f"refresh {source}"] if SOURCES[source].refreshed else []
-    return [*refresh, f"{source} crawl", f"purge {source}"]
+    reads = [f"{source} import"] * imported
+    asks = [*([f"refresh {source}"] if SOURCES[source].refreshed else []), f"{source} crawl"]
+    return [*reads, *(asks if crawled else ()), f"purge {source}"]
 
 
-def _as_before(run: Run, source: str) -> dict[str, Any]:
-    """The options of the source's newest crawl that bound what it collects. Raises FatalError."""
-    from kb.crawl.job import ASKED
+def _as_before(run: Run, source: str, step: str) -> dict[str, Any]:
+    """The arguments of the source's newest crawl that bound what it collects, or of its imports.
+
+    Raises FatalError.
+    """
+    from kb.crawl.job import ASKED, IMPORTED
     from kb.store.layout import Layout
     from kb.store.tables import reading
 
     with reading.state(Layout(run.root).state(source)) as frontier:
         bounds: dict[str, Any] = frontier.cursor(ASKED, {}, of=dict[str, str])
+        given = frontier.cursor(IMPORTED, {}, of=dict[str, list[str]])
+    if step.endswith(" import"):
+        spans = {name: given.pop(name)[0] for name in ("since", "until") if given.get(name)}
+        paths = {name: [Path(text) for text in texts] for name, texts in given.items() if texts}
+        if gone := [path for some in paths.values() for path in some if not path.exists()]:
+            raise FatalError(
+                f"{gone[0]}, which was imported before, is gone",
+                hint=f"restore it, or run `kb {source} crawl`, which asks the service",
+            )
+        return {**paths, **spans}
+    if not step.endswith(" crawl"):
+        return {}
     for name in {"ids", "titles"} & bounds.keys():
         bounds[name] = Path(bounds[name])
         if not bounds[name].exists():
@@ -271,11 +286,13 @@ def _as_before(run: Run, source: str) -> dict[str, Any]:
     return bounds
 
 
-def _crawled_sources(run: Run, asked: list[str]) -> list[str]:
-    """The sources that were crawled through a service, with what asking it again needs.
+def _steps_due(run: Run, asked: list[str]) -> dict[str, list[str]]:
+    """By source, what brings it up to date: of those that were crawled through a service, with what
+    asking it again needs, and of imported ones.
 
     Raises SettingError, FatalError without any, MissingCredential.
     """
+    from kb.crawl.job import IMPORTED
     from kb.registry import SOURCES as CLASSES
     from kb.store.layout import Layout
     from kb.store.tables import reading
@@ -284,40 +301,47 @@ def _crawled_sources(run: Run, asked: list[str]) -> list[str]:
         raise SettingError(
             f"there is no source {unknown[0]!r}", hint=f"known: {', '.join(SOURCES)}"
         )
-    crawled = []
+    steps = {}
     for name in SOURCES:
-        if (state := Layout(run.root).state(name)).is_file():
-            with reading.state(state) as frontier:
-                if frontier.requests()[0]:
-                    crawled.append(name)
-    chosen = [name for name in crawled if not asked or name in asked]
-    if lacking := [name for name in asked if name not in crawled]:
+        if not (state := Layout(run.root).state(name)).is_file():
+            continue
+        with reading.state(state) as frontier:
+            crawled, imported = bool(frontier.requests()[0]), bool(frontier.cursor(IMPORTED))
+        if (crawled or imported) and (not asked or name in asked):
+            steps[name] = _steps_of(name, crawled=crawled, imported=imported)
+            if crawled:
+                CLASSES[name].connector(run).identity()
+    if lacking := [name for name in asked if name not in steps]:
         raise FatalError(
-            f"{lacking[0]} was not crawled into {run.root} through its service",
+            f"{lacking[0]} was neither crawled nor imported into {run.root}",
             hint=f"run `kb {lacking[0]} crawl` first",
         )
-    if not chosen:
+    if not steps:
         raise FatalError(
-            f"nothing was crawled into {run.root} through a service",
-            hint="run a crawl first; `kb build` makes what is out of date",
+            f"nothing was crawled or imported into {run.root}",
+            hint="run a crawl or an import first; `kb build` makes what is out of date",
         )
-    for name in chosen:
-        CLASSES[name].connector(run).identity()
-    return chosen
+    return steps
 
 
-def _planned_update(run: Run, chosen: list[str]) -> Summary:
+def _planned_update(run: Run, chosen: Mapping[str, list[str]]) -> Summary:
     """What the crawls and refreshes would ask for, and what a build would make now."""
     from kb.artifacts import freshness
 
-    phases, assumed = [], []
-    for name in chosen:
-        for step in _steps_of(name)[:-1]:  # what was deleted is known after a refresh
+    phases: list[dict[str, Any]] = []
+    assumed: list[str] = []
+    for name, due in chosen.items():
+        for step in due[:-1]:  # what was deleted is known after a refresh
+            arguments = _as_before(run, name, step)
+            if step.endswith(" import"):
+                paths = sum(len(some) for some in arguments.values() if not isinstance(some, str))
+                phases.append({"phase": f"{step}: folders and files", "items": paths})
+                continue
             command_: Any = find_command(step.split())
-            bounds = _as_before(run, name) if step.endswith(" crawl") else {}
-            if "ids" not in bounds:  # of all remaining work
-                bounds.pop("part", None)
-            planned = command_.function(run, plan=True, **bounds)
+            if "ids" not in arguments:  # of all remaining work
+                arguments.pop("part", None)
+            as_run = replace(run, again=step.endswith(" crawl"))
+            planned = command_.function(as_run, plan=True, **arguments)
             phases += [{**one, "phase": f"{step}: {one['phase']}"} for one in planned["phases"]]
             assumed += [planned["assumed"]] if planned.get("assumed") else []
     outdated = freshness.plan(run, freshness.graph(run))

@@ -70,8 +70,8 @@ def export(
 @command(
     app,
     "import",
-    json="answers, added, labels, skipped, undefined, contradictory, purged_items, unknown_items,"
-    " figures",
+    json="answers, added, labels, skipped, no_result, no_annotations, undefined, contradictory,"
+    " purged_items, unknown_items, figures",
     resumable=False,
     examples=[
         "kb label import project-1.json               one project, of one person or several",

@@ -15,13 +15,16 @@ from kb.artifacts import freshness
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
 from kb.core import clock
+from kb.core.errors import WriterLocked
 from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
 from kb.crawl.job import STOPPED
+from kb.crawl.session import replay_missing_state
 from kb.registry import SOURCES as CLASSES
 from kb.schema.tables import tables as declared
 from kb.store import lock
 from kb.store.layout import TOP, VERDICTS, Layout, parquet_files
+from kb.store.rawlog import rawlog
 from kb.store.tables import parquet, reading
 from kb.store.tables.row_counts import rows, span, tally
 from kb.store.walk import files_below
@@ -64,6 +67,8 @@ _LEFT = ("todo", "in_progress")  # failed items are counted separately, as in a 
 def overview(run: Run) -> dict[str, Any]:
     """Facts about the data root: by source, disk use in bytes by folder, next commands."""
     catalog = Catalog(run.root)
+    if run.profile.path != Path() and not catalog.is_download:
+        _replay_missing_states(run)
     sources = {source: about for source in SOURCES if (about := _source(run, source, catalog))}
     links = _schema_rows(catalog, "links", "links")
     stale = []
@@ -96,6 +101,19 @@ def overview(run: Run) -> dict[str, Any]:
     }
 
 
+def _replay_missing_states(run: Run) -> None:
+    for name, source in CLASSES.items():
+        try:
+            replay_missing_state(run, name, source.connector)
+        except WriterLocked:
+            continue  # another command is at it
+        except OSError as error:
+            run.progress.say(
+                f"{name}: its state is missing, and {run.root} can't be written"
+                f" ({error.strerror}); run `kb {name} filter` as a user who may write there"
+            )
+
+
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     """Progress, quota, age and rows of a source; empty without data of it."""
     of, state = SOURCES[source], Layout(run.root).state(source)
@@ -103,7 +121,8 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     clean = {one: Layout(run.root).clean(source, one) for one in (*own, *VERDICTS)}
     tables = _in_order({one: rows(path) for one, path in clean.items() if parquet_files(path)})
     released, restored = (_schema_rows(catalog, one, source) for one in ("release", "restored"))
-    if not (state.exists() or tables or released or restored):
+    has_raw = rawlog.any_answer(run.root, source)
+    if not (state.exists() or has_raw or tables or released or restored):
         return {}
     pid = lock.holders(run.root).get(source, "")
     about: dict[str, Any] = {
@@ -112,6 +131,7 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         if of.credential and getattr(run.settings, of.credential) is None
         else "",
         "counted": of.counted,
+        "unread": has_raw and not (state.exists() or tables),
         "phases": {},
         "failures": {},
         "left_by": {},

@@ -86,7 +86,7 @@ def pairs(
 @command(
     app,
     json="pairs, out_of, keywords, most_of_a_keyword, videos, hours, train, validation, test, path",
-    planned=("n", "per_keyword", "per_video", "max_videos", "where", "seed"),
+    planned=("n", "per_keyword", "per_video", "max_videos", "where", "seed", "out"),
     data="reads",
     examples=[
         "kb pairs draw 640000                        as many as the paper sampled",

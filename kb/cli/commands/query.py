@@ -116,7 +116,7 @@ def query(
     """
     from kb.artifacts import table_catalog
     from kb.query import catalog, connect, find_views, select
-    from kb.query.formats import choose, write
+    from kb.query.formats import choose, write_answer
     from kb.query.limits import for_people, limited
 
     if [tables, sql is not None, file is not None].count(True) != 1:
@@ -154,7 +154,7 @@ def query(
                 text=chosen != OutputFormat.parquet,
                 progress=run.progress,
             )
-        write(_first(answer, options.limit) if options.limit else answer, chosen, out)
+        write_answer(_first(answer, options.limit) if options.limit else answer, chosen, out)
 
 
 def _read(sql: str | None, file: Path | None) -> str:

@@ -141,8 +141,7 @@ def search(
     missing or out of date is built first, as by `kb index`. --data may be a data root, a restored
     one or a downloaded release, whose index is kept in the user's cache.
     """
-    from kb.search.answers import search as ask
-    from kb.search.answers import suggest
+    from kb.search.answers import search_as_meant
     from kb.search.build import ensure
     from kb.search.ranking import Only, day_given
 
@@ -159,8 +158,9 @@ def search(
     sources = [str(one) for one in SearchSource if not source or one in source]
     ensure(run, sources)
     query = " ".join(words)
-    answers = ask(run.root, query, sources=sources, only=only, size=size, entity=entity)
-    meant = suggest(run.root, query, sources=sources)
+    answers, meant, instead = search_as_meant(
+        run.root, query, sources=sources, only=only, size=size, entity=entity
+    )
     if options.json:
         import msgspec
 
@@ -169,12 +169,13 @@ def search(
     for number, one in enumerate(answers, 1):
         for line in lines(number, one):
             show(line)
-    notes = [] if answers else ["no answers"]
-    if meant:
-        quoted = meant if '"' in meant else f'"{meant}"'
-        notes.append(f"did you mean {quoted}?")
-    if notes:
-        show("; ".join(notes), err=True)
+    quoted = meant if '"' in meant else f'"{meant}"'
+    if instead:
+        show(f"nothing has these words; read as {quoted}", err=True)
+    elif meant:
+        show(f"did you mean {quoted}?", err=True)
+    if not answers:
+        show("no answers", err=True)
     return None
 
 

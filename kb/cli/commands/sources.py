@@ -5,7 +5,11 @@ The pattern for every group: a command is a name, options, examples and one call
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,8 +29,37 @@ from kb.cli.framework.options import (
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
-from kb.core.errors import SettingError
+from kb.core.errors import FatalError, SettingError, UsageError
 from kb.core.summary import Summary
+
+
+@contextmanager
+def _importing(
+    run: Run, given: Sequence[Path], other: str, is_other: Callable[[Path], bool]
+) -> Iterator[None]:
+    """Around an import. When it fails, files of the `other` source are told their command, and a
+    data root that was begun for it goes.
+    """
+    from kb.artifacts.data_roots import is_root
+    from kb.core.sources import SOURCES
+    from kb.store import lock
+    from kb.store.rawlog import rawlog
+
+    existed, had_data = run.root.exists(), is_root(run.root)
+    try:
+        yield
+    except (UsageError, FatalError) as error:
+        if wrong := next(filter(is_other, given), None):
+            error.hint = f"run `kb {other} import {wrong}`, which reads what is there"
+        answered = any(rawlog.any_answer(run.root, source) for source in SOURCES)
+        if not (had_data or answered or lock.holders(run.root)):
+            for name in ("raw", "state"):
+                shutil.rmtree(run.root / name, ignore_errors=True)
+            if not existed:
+                with suppress(OSError):  # somebody else has put something there
+                    run.root.rmdir()
+        raise
+
 
 youtube_app = group("Collect videos and transcripts from YouTube.")
 
@@ -91,6 +124,7 @@ def youtube_crawl(
                 "--part has no effect on --plan without --ids",
                 hint="--plan always covers all remaining work; drop --part",
             )
+        _replay_missing_state(run, "youtube")
         return estimate(run, ids=ids, part=which)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -139,9 +173,12 @@ def youtube_import(
     files don't contain stay null and are listed at the end. The files lack YouTube's game label, so
     keywords alone decide the topic.
     """
+    from kb.reddit.dumps.files import holds_dump
     from kb.youtube.ytdlp.importer import import_folders, unfilled_columns
 
-    summary = import_folders(run, folders or (), own_transcripts or ())
+    given = [*(folders or ()), *(own_transcripts or ())]
+    with _importing(run, given, "reddit", partial(holds_dump, root=run.root)):
+        summary = import_folders(run, folders or (), own_transcripts or ())
     for line in unfilled_columns(summary):
         typer.echo(line)
     return summary
@@ -228,6 +265,7 @@ def wiki_crawl(
     if plan:
         from kb.wiki.crawl.connector import plan_crawl
 
+        _replay_missing_state(run, "wiki")
         return plan_crawl(run, titles)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -295,6 +333,7 @@ def reddit_crawl(
 
     begin, end = parse_span(since, until)
     if plan:
+        _replay_missing_state(run, "reddit")
         return plan_crawl(run)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -340,9 +379,11 @@ def reddit_import(
     a folder that are not dumps. After an interruption the same command resumes.
     """
     from kb.reddit.crawl.importer import import_dumps
+    from kb.youtube.ytdlp.info import holds_info
 
     begin, end = parse_span(since, until)
-    return import_dumps(run, files, since=begin, until=end)
+    with _importing(run, files, "youtube", holds_info):
+        return import_dumps(run, files, since=begin, until=end)
 
 
 add_filter(reddit_app, "reddit")
@@ -409,3 +450,10 @@ def reconstruct(
         return plan_rebuild(run, ids or None, dumps or ())
     place = (out or Layout(run.root).reconstructed).absolute()
     return rebuild(run, ids or None, place, dumps=dumps or ())
+
+
+def _replay_missing_state(run: Run, source: str) -> None:
+    from kb.crawl.session import replay_missing_state
+    from kb.registry import SOURCES
+
+    replay_missing_state(run, source, SOURCES[source].connector)

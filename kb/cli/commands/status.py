@@ -147,6 +147,8 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
     """The lines of a source: crawled and kept, what is left, and the cost so far."""
     running = f" (running: pid {facts['running_pid']})" if facts["running_pid"] else ""
     lines = [f"{source}{running}"]
+    if facts["unread"]:
+        lines.append(f"  raw data that no table is made of yet: run `kb {source} filter`")
     for counted, numbers in facts["tally"].items():
         lines.append(f"  {vocabulary.tally(counted, numbers)}")
     sorted_so_far = facts["tally"].get(facts["counted"], {}).get("crawled", 0)

@@ -66,7 +66,8 @@ def add_export(
                 min=32,
                 metavar="N",
                 help="With --format text: cut documents at headings, comments and pauses into"
-                " chunks of at most N tokens. A token is 1/1.3 of a word.",
+                " chunks of at most N tokens. A word counts as 1.3 tokens, and so does each sign of"
+                " a script without spaces.",
             ),
         ] = None,
         tokenizer: Annotated[

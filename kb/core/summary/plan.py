@@ -79,6 +79,10 @@ def _cell(name: str, value: Any) -> str:
     return f"{value:,.1f}" if name == "hours" else f"{value:,.3g}" if name == "gb" else f"{value:,}"
 
 
+# Of a plan for a new round; what is new there comes on top.
+NOTHING_NEW = "nothing is new since the last round"
+
+
 def to_read(kinds: Mapping[str, Mapping[str, int]], kind: str) -> int:
     """How many items the next crawl would fetch: those that wait, and those that failed."""
     counts = kinds.get(kind, {})

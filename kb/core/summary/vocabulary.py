@@ -214,6 +214,12 @@ WORDS: dict[str, Word] = {
     "labels": Word("Answers in labels/ now.", "{n} labels in all"),
     "merge.labels": Word("Answers of people that were new.", "{n} labels"),
     "skipped": Word("Judgements that people skipped or left empty.", "{n} skipped"),
+    "no_result": Word(
+        "Judgements that are null or have no list of answers.", "{n} without a result"
+    ),
+    "no_annotations": Word(
+        "Tasks whose `annotations` are missing or no list.", "{n} tasks without annotations"
+    ),
     "undefined": Word(
         "Answers to other questions, with other options, or that end before they begin.",
         "{n} answers that no question has",

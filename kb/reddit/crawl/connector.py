@@ -225,7 +225,7 @@ class RedditConnector(Subreddit):
                     for thing in answer_tree.things(answer.response)
                 )
         # Only the answer shows what was posted by people who asked to be left out.
-        theirs = [one.key for one in items if reduce.fullname(phase.kind, one.key) in purged]
+        theirs = [item.key for item in items if reduce.fullname(phase.kind, item.key) in purged]
         if theirs:
             self.opened.frontier.mark(phase.kind, theirs, "skipped", "purged")
 

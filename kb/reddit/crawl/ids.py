@@ -135,14 +135,14 @@ def asked_for(
             )
         ids = release
     given = [Path(ids)] if isinstance(ids, (str, Path)) else list(ids)
-    if not any(isinstance(one, Path) for one in given):
+    if not any(isinstance(entry, Path) for entry in given):
         return _named(cast("list[str]", given)), []
-    paths = [Path(one) for one in given]
+    paths = [Path(entry) for entry in given]
     lists = [read_wanted(path, say) for path in paths]
-    listed = [name for one in lists for name in one.names.listed]
-    files = [file for one in lists for file in one.names.files]
-    trees = dict.fromkeys(key for one in lists for key in one.trees)
-    bad_lines = sum(one.bad_lines for one in lists)
+    listed = [name for wanted in lists for name in wanted.names.listed]
+    files = [file for wanted in lists for file in wanted.names.files]
+    trees = dict.fromkeys(key for wanted in lists for key in wanted.trees)
+    bad_lines = sum(wanted.bad_lines for wanted in lists)
     return WantedThings(FullNames(listed, files), list(trees), bad_lines), paths
 
 
@@ -151,7 +151,7 @@ def subreddit_of(sources: Sequence[Path]) -> str:
 
     "" where it is not known: a list may have ids of any.
     """
-    names = {_subreddit(one) for one in sources}
+    names = {_subreddit(folder) for folder in sources}
     return names.pop() if len(names) == 1 else ""
 
 
@@ -174,7 +174,7 @@ def read_wanted(path: Path, say: Callable[[str], None] | None = None) -> WantedT
             if not len(names):
                 raise SettingError(f"--ids {path} contains no ids", hint=RULES.hint)
             return WantedThings(names, [])
-    listed = RULES.read_some(path, say)
+    listed = RULES.some_ids_in(path, say)
     trees = [key for key in listed.keys if not _NAME.fullmatch(key)]
     full = [key for key in listed.keys if _NAME.fullmatch(key)]
     return WantedThings(FullNames(full, []), trees, listed.bad_lines)

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import msgspec
 
-from kb.core import signals
+from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped
 from kb.core.summary import Summary
+from kb.crawl.job import remember_import
 from kb.crawl.session import open_session
 from kb.reddit.crawl.subreddit import Subreddit
 from kb.reddit.dumps.cursor import (
@@ -61,6 +62,11 @@ def import_dumps(
         finally:
             for path in rawlog.segments(run.root, "reddit", KIND):
                 session.frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)
+        span = {
+            "since": [clock.stamp(since)] if since else [],
+            "until": [clock.stamp(until)] if until else [],
+        }
+        remember_import(session.frontier, files=files, **span)
     return Summary(summary, foreign_files=dumps.foreign)
 
 
@@ -84,7 +90,7 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
         """As noted on disk: a worker that dies after its file is done is replaced by one that has
         nothing to do.
         """
-        return [load_cursor(run.root, name, one.file) for name, one in jobs.items()]
+        return [load_cursor(run.root, name, own.file) for name, own in jobs.items()]
 
     before = cursors()
 
@@ -94,22 +100,22 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
             command="reddit import",
             source="reddit",
             counted="posts and comments",
-            crawled=sum(one.things for one in now) - sum(one.things for one in before),
-            lines=sum(one.lines for one in now),
-            bad_lines=sum(one.bad_lines for one in now),
-            truncated_files=sum(one.truncated for one in now),
+            crawled=sum(cursor.things for cursor in now) - sum(cursor.things for cursor in before),
+            lines=sum(cursor.lines for cursor in now),
+            bad_lines=sum(cursor.bad_lines for cursor in now),
+            truncated_files=sum(cursor.truncated for cursor in now),
             requests=0,
         )
 
     todo = []
-    for cursor, one in zip(before, jobs.values(), strict=True):
+    for cursor, waiting in zip(before, jobs.values(), strict=True):
         if cursor.done:
             run.progress.say(
-                f"{one.file}: already imported ({cursor.things} posts and comments); --again"
+                f"{waiting.file}: already imported ({cursor.things} posts and comments); --again"
                 " imports it again"
             )
         else:
-            todo.append(one)
+            todo.append(waiting)
     try:
         if todo:
             _import(run, todo)
@@ -141,8 +147,8 @@ def _import(run: Run, jobs: list[ImportJob]) -> None:
             results = _side_by_side(jobs, executor, executor.window, most)
         for cursor in results:
             done.append(cursor)
-            fresh = sum(one.fresh for one in done)
-            bad_lines = sum(one.bad_lines for one in done)
+            fresh = sum(cursor.fresh for cursor in done)
+            bad_lines = sum(cursor.bad_lines for cursor in done)
             task.advance(1, posts_and_comments=fresh, bad_lines=bad_lines)
             if cursor.problem:
                 run.progress.say(

@@ -146,9 +146,14 @@ def _listing(frontier: Frontier, endpoint: str, params: dict[str, Any], response
     )
     frontier.payload("listing", key, now)
     over = now.after is None or now.pages >= PAGES
-    if name in _BY_TIME and now.upto is not None and now.oldest is not None:
+    if is_by_time(name) and now.upto is not None and now.oldest is not None:
         over = over or now.oldest < now.upto  # the rest is known from the round before
     frontier.mark("listing", [key], "done" if over else "todo")
+
+
+def is_by_time(listing: str) -> bool:
+    """Whether a listing has its newest posts first: a later round ends at the known ones."""
+    return listing.partition(":")[0] in _BY_TIME
 
 
 def _seconds(value: Any) -> float | None:

@@ -49,7 +49,6 @@ class DumpCursor(msgspec.Struct):
     done: bool = False
     fresh: int = 0  # things of this run
     first_bad: int | None = None  # offset of the first damaged line
-    changed: int = 0  # when the dump was last modified (ns), in notes of earlier versions
     size: int = 0
     samples: str = ""
     sha256: str = ""
@@ -69,12 +68,6 @@ def cursors(root: Path) -> dict[str, DumpCursor]:
     """Every note by its name."""
     names = (path.stem for path in sorted(_folder(root).glob("*.json")))
     return {name: load_cursor(root, name) for name in names if name != _ROUND}
-
-
-def rename_cursor(root: Path, old: str, name: str, cursor: DumpCursor) -> None:
-    """Write a note under a new name. Raises DiskFull."""
-    save_cursor(root, name, cursor)
-    (_folder(root) / f"{old}.json").unlink()
 
 
 def save_cursor(root: Path, name: str, cursor: DumpCursor) -> None:

@@ -358,9 +358,9 @@ def records_of(value: dict[str, Any]) -> Iterable[dict[str, Any]]:
     if "subreddit" in value or not isinstance(data, (dict, list)):
         return (value,)
     if isinstance(data, list):
-        return [one for one in data if isinstance(one, dict)]
+        return [thing for thing in data if isinstance(thing, dict)]
     inner = (thing.data for thing in answer_tree.things(value) if thing.kind != "more")
-    return [{**one, "replies": ""} if "replies" in one else one for one in inner]
+    return [{**record, "replies": ""} if "replies" in record else record for record in inner]
 
 
 def _is_deeper(value: Any, levels: int) -> bool:
@@ -400,7 +400,12 @@ def find_dumps(run: Run, paths: Sequence[Path]) -> DumpFiles:
     foreign = 0
     for path in paths:
         if not path.is_dir():
-            _reader(path)  # raises for a file that is not a dump
+            objects = _first_objects(path)  # raises for a file that is not a dump
+            if objects and not any(map(_has_record, objects)):
+                raise SettingError(
+                    f"{path} is not a dump: it holds objects, and none is a post or comment",
+                    hint="name RS_* and RC_* files, or files of one subreddit",
+                )
             files.append(path)
             continue
         there = list(_below(path, run.root.resolve()))
@@ -432,16 +437,33 @@ def _below(folder: Path, root: Path) -> Iterator[Path]:
                 yield where / entry.name
 
 
+def _first_objects(file: Path) -> list[dict[str, Any]] | None:
+    """The objects at the beginning of a dump; None where nothing can be read, as of one that is
+    cut off there. Raises SettingError for a file that is not a dump.
+    """
+    start = next(pieces(file, ReadProgress()), None)
+    return None if start is None else [*filter(None, map(read_object, start.splitlines()))]
+
+
+def _has_record(line: dict[str, Any]) -> bool:
+    return any(
+        "subreddit" in record and ("title" in record or "body" in record)
+        for record in records_of(line)
+    )
+
+
 def _holds_records(file: Path) -> bool:
     """Whether a file is a dump of posts or comments; a file truncated at its very beginning may be
     one.
     """
     try:
-        start = next(pieces(file, ReadProgress()), None)
+        objects = _first_objects(file)
     except SettingError:
         return False
-    if start is None:
-        return file.stat().st_size > 0
-    objects = filter(None, map(read_object, start.splitlines()))
-    records = (record for one in objects for record in records_of(one))
-    return any("subreddit" in one and ("title" in one or "body" in one) for one in records)
+    return file.stat().st_size > 0 if objects is None else any(map(_has_record, objects))
+
+
+def holds_dump(path: Path, root: Path) -> bool:
+    """Whether this is a dump, or a folder with one that is not in the data root."""
+    files = _below(path, root) if path.is_dir() else [path]
+    return any(file.is_file() and _holds_records(file) for file in files)

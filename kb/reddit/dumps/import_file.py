@@ -138,16 +138,16 @@ def import_file(job: ImportJob) -> DumpCursor:
             for record in records:
                 batch.append(record)
                 if len(batch) == THINGS:
-                    segments.write(batch, record.end)
+                    segments.write_envelope(batch, record.end)
                     batch = []
             offset = chunk.offset + chunk.end - chunk.begin
             progress.lines += matches.lines
             progress.count_damaged(matches.bad_lines, matches.first_bad)
             if segments.size >= job.segment_bytes:
-                segments.write(batch, offset)
+                segments.write_envelope(batch, offset)
                 batch = []
                 segments.close(offset, progress)
-        segments.write(batch, offset)
+        segments.write_envelope(batch, offset)
         cursor.truncated, cursor.problem = progress.truncated, progress.problem
         if not progress.stopped and not (job.limit and cursor.fresh >= job.limit):
             cursor.done, cursor.sha256 = True, progress.sha256
@@ -197,7 +197,7 @@ class SegmentWriter:
         self._records = 0
         self._file: Any = None
 
-    def write(self, records: list[ExtractedRecord], offset: int) -> None:
+    def write_envelope(self, records: list[ExtractedRecord], offset: int) -> None:
         """One envelope, shaped like a Listing. `offset` is behind its last line; it orders
         duplicates within a dump.
         """

@@ -28,7 +28,6 @@ from kb.reddit.dumps.cursor import (
     DumpCursor,
     cursors,
     find_cursor,
-    rename_cursor,
     save_cursor,
 )
 from kb.store.tables.checksums import digest
@@ -42,16 +41,6 @@ def note_name(file: Path, since: float, until: float) -> str:
     return file_stamp(file, file.stat()).hex() + _span(since, until)
 
 
-def samples_of(file: Path) -> str:
-    """A digest of samples of a dump."""
-    return _sampled(file, b"")
-
-
-def sampled_name(file: Path, since: float, until: float) -> str:
-    """What notes were named in earlier versions: by the name, the size and samples of a dump."""
-    return _sampled(file, f"{file.name}\0{file.stat().st_size}\0".encode()) + _span(since, until)
-
-
 def _span(since: float, until: float) -> str:
     if (since, until) == (0.0, math.inf):
         return ""
@@ -59,21 +48,16 @@ def _span(since: float, until: float) -> str:
     return f"-{span.hexdigest()[:8]}"
 
 
-def _sampled(file: Path, prefix: bytes) -> str:
-    size, computed = file.stat().st_size, hashlib.sha256(prefix)
+def samples_of(file: Path) -> str:
+    """A digest of samples of a dump."""
+    size, computed = file.stat().st_size, hashlib.sha256()
+    step = max(_SAMPLE, (size - _START - _SAMPLE) // (_SAMPLES - 1))
     with open_regular(file) as opened:
         computed.update(opened.read(_START))
-        for at in (*range(_START, size - _SAMPLE, _step(size)), max(size - _SAMPLE, _START)):
+        for at in (*range(_START, size - _SAMPLE, step), max(size - _SAMPLE, _START)):
             opened.seek(at)
             computed.update(opened.read(_SAMPLE))
     return computed.hexdigest()[:16]
-
-
-def _step(size: int) -> int:
-    """From the beginning of a sample to that of the next. The samples of a file in which this is
-    their length are all of it.
-    """
-    return max(_SAMPLE, (size - _START - _SAMPLE) // (_SAMPLES - 1))
 
 
 class KnownDumps:
@@ -102,8 +86,6 @@ class KnownDumps:
         if name in self.taken:
             return self.taken[name]
         noted = find_cursor(root, name)
-        if noted is None and not self._run.again:
-            noted = self._adopted(file, name)
         dump = noted or DumpCursor("")
         dump.file, dump.size = str(file.absolute()), file.stat().st_size
         dump.samples = dump.samples or samples_of(file)
@@ -119,7 +101,7 @@ class KnownDumps:
         """The dump among the others that has the same content."""
         for other in others:
             if (other.size, other.samples) == (dump.size, dump.samples):
-                for unhashed in (one for one in (other, dump) if not one.sha256):
+                for unhashed in (file for file in (other, dump) if not file.sha256):
                     unhashed.sha256 = self._digest(Path(unhashed.file))
                 if dump.sha256 == other.sha256:
                     return other
@@ -134,21 +116,3 @@ class KnownDumps:
                 signals.stop.check()
 
             return digest(file, advance=advance)
-
-    def _adopted(self, file: Path, name: str) -> DumpCursor | None:
-        """The note of an earlier version under its new name, where it is of this file for certain:
-        the samples are all of the file, or it lies where it lay and was not written to.
-        """
-        old = sampled_name(file, self._since, self._until)
-        if (noted := find_cursor(self._run.root, old)) is None:
-            return None
-        about = file.stat()
-        same_place = noted.file == str(file.absolute())
-        same_time = not noted.done or noted.changed in (0, about.st_mtime_ns)
-        if _step(about.st_size) == _SAMPLE:
-            noted.sha256 = self._digest(file)
-        elif not (same_place and same_time):
-            return None
-        noted.size, noted.samples = about.st_size, samples_of(file)
-        rename_cursor(self._run.root, old, name, noted)
-        return noted

@@ -73,10 +73,10 @@ class SubredditSearch:
                 if data[first:stop].strip():
                     bad.append(first)
                 continue
-            wanted = [one for one in records_of(record) if self._takes(one)]
+            wanted = [thing for thing in records_of(record) if self._takes(thing)]
             taken += bool(wanted)
-            for one in wanted:
-                take(offset + stop - begin, one)
+            for thing in wanted:
+                take(offset + stop - begin, thing)
         every = offset < CHECKED or 2 * taken >= lines
         if len(hits) < lines and (every or well_formed < lines):
             at = begin

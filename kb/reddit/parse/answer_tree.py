@@ -146,7 +146,7 @@ def theirs(answer: Any) -> set[str]:
 def without_hashes(envelope: Envelope, people: Iterable[str]) -> Envelope:
     """The envelope with PURGED in place of these hashes; the same object when it has none."""
     line = rawlog.encode(envelope)
-    hashes = [one.encode() for one in people if one.encode() in line]
-    for one in hashes:
-        line = line.replace(one, PURGED.encode())
+    hashes = [mark.encode() for mark in people if mark.encode() in line]
+    for mark in hashes:
+        line = line.replace(mark, PURGED.encode())
     return rawlog.decode(line) if hashes else envelope

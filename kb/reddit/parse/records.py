@@ -122,6 +122,7 @@ _TEXTS = ("title", "selftext", "body")  # what tells whether a record was escape
 _ADDRESSES = ("url", "url_overridden_by_dest")
 _DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
 _LARGEST_ID = 36**13  # as for ids in lists
+_WHOLE = re.compile(r"[0-9]{1,25}(?:\.0+)?")
 _NUMBER = re.compile(r"#(?:[0-9]+|[xX][0-9a-fA-F]+)")
 _OF_REDDIT = ("&amp;", "&lt;", "&gt;")
 
@@ -287,7 +288,9 @@ def _integer(row: Row, data: dict[str, Any], name: str) -> int | None:
 
 
 def _base36(value: Any) -> str | None:
-    """The bare id that a whole number stands for; None for anything else."""
+    """The bare id that a whole number stands for, also as digits; None for anything else."""
+    if isinstance(value, str) and _WHOLE.fullmatch(value.strip()):
+        value = int(value.strip().partition(".")[0])
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     if not 0 < value < _LARGEST_ID or value != int(value):

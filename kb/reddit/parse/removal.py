@@ -41,6 +41,13 @@ _PLACEHOLDER = re.compile(
     )? \s* [.]? \s* \] \s*""",
     re.VERBOSE | re.IGNORECASE,
 )
+# Markdown's link around a text in brackets of its own: [[removed]](address), or HTML's.
+_LINK = re.compile(
+    r"""\[ [\s*_~]* (\[ .* \]) [\s*_~]* \] \( [^()]* (?: \([^()]*\) [^()]* )* \)
+    | <a \b [^<>]* > [\s*_~]* (.*?) [\s*_~]* </a>""",
+    re.VERBOSE | re.IGNORECASE | re.DOTALL,
+)
+_LONGEST, _LONGEST_LINK = 300, 4_000  # characters
 _INVISIBLE = re.compile("[\u200b-\u200d\u2060\ufeff\\\\]")  # and the backslash of Markdown
 _NO_LETTERS = re.compile(r"[^a-z]+")
 _WORDS = {"true": True, "1": True, "false": False, "0": False}
@@ -143,9 +150,12 @@ def _in_place_of(text: Any) -> str | None:
     """The reason where a text is the site's or an archive's own, in any spelling; None where
     people may have written it.
     """
-    if not isinstance(text, str) or len(text) > 300:
+    if not isinstance(text, str) or len(text) > _LONGEST_LINK:
         return None
-    match = _PLACEHOLDER.fullmatch(_INVISIBLE.sub("", text).strip(" \n*_~"))
+    words = _INVISIBLE.sub("", text).strip(" \n*_~")
+    if link := _LINK.fullmatch(words):
+        words = link[1] or link[2]
+    match = _PLACEHOLDER.fullmatch(words) if len(words) <= _LONGEST else None
     if match is None:
         return None
     who = (match["actor"] or match["verb"]).casefold()

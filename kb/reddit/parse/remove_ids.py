@@ -45,8 +45,8 @@ def _strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | N
     request = without_asked(kind, envelope.request, keys)
     if request is None:
         return None
-    answer, changed = of_value(envelope.response, keys)
-    if not changed and request is envelope.request:
+    answer = _left_of(envelope.response, keys)
+    if request is envelope.request and answer == envelope.response:
         return envelope
     if kind == "dumps" and not answer["data"]["children"]:
         return None
@@ -58,7 +58,7 @@ def without(answer: Any, keys: Collection[str]) -> Any:
     out.
     """
     for names in (theirs(answer), keys):
-        answer = of_value(answer, names)[0] if names else answer
+        answer = _left_of(answer, names) if names else answer
     return answer
 
 
@@ -75,78 +75,53 @@ def without_asked(kind: str, request: Request, keys: Collection[str]) -> Request
     return request if params is request.params else Request(endpoint, params)
 
 
-def of_value(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
-    """(value without the keys, whether it changed); what did not change is the same object."""
+def _left_of(value: Any, keys: Collection[str]) -> Any:
+    """A part of an answer without the keys."""
     if isinstance(value, list):
-        kept_values: list[Any] = []
-        changed = False
-        for inner in value:
-            left, other = of_thing(inner, keys)
-            changed |= other
-            kept_values += left
-        return (kept_values, True) if changed else (value, False)
+        return [left for inner in value for left in _in_place_of(inner, keys)]
     if not isinstance(value, dict):
-        return value, False
-    fresh: dict[str, Any] = {}
-    for name in HOLDERS:
-        if isinstance(value.get(name), (dict, list)):
-            inner, other = of_value(value[name], keys)
-            if other:
-                fresh[name] = inner
+        return value
+    holders = (name for name in HOLDERS if isinstance(value.get(name), (dict, list)))
+    left = {**value, **{name: _left_of(value[name], keys) for name in holders}}
     if answer_tree.named(value.get("after"), keys):
         # Reddit goes on behind any post that it knows.
-        children = {**value, **fresh}.get("children")
+        children = left.get("children")
         things = children if isinstance(children, list) else []
         data = [child.get("data") for child in things if isinstance(child, dict)]
-        last = [one.get("name") for one in data if isinstance(one, dict)]
-        fresh["after"] = last[-1] if last else None
-    return ({**value, **fresh}, True) if fresh else (value, False)
+        names = [child.get("name") for child in data if isinstance(child, dict)]
+        left["after"] = names[-1] if names else None
+    return left
 
 
-def of_thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
-    """What takes the place of one element of a list, and whether that is something else."""
-    data = value.get("data") if isinstance(value, dict) else None
-    if not isinstance(data, dict) or value.get("kind") not in (
-        answer_tree.POST,
-        answer_tree.COMMENT,
-        "more",
-    ):
-        left, changed = of_value(value, keys)
-        return [left], changed
-    if value["kind"] == "more":
-        return _stub(value, data, keys)
-    name = f"{value['kind']}_{data.get('id')}"
+def _in_place_of(value: Any, keys: Collection[str]) -> list[Any]:
+    """What takes the place of one element of a list."""
+    kind, data = (value.get("kind"), value.get("data")) if isinstance(value, dict) else (None, None)
+    if kind == "more" and isinstance(data, dict):
+        return _stubs(value, data, keys)
+    if kind not in (answer_tree.POST, answer_tree.COMMENT) or not isinstance(data, dict):
+        return [_left_of(value, keys)]
     if answer_tree.named(data.get("link_id"), keys):
-        return [], True
-    replies, changed = of_value(data.get("replies"), keys)
-    if name in keys or data.get("author") == PURGED:
+        return []
+    replies = _left_of(data.get("replies"), keys)
+    if f"{kind}_{data.get('id')}" in keys or data.get("author") == PURGED:
         inner = replies.get("data") if isinstance(replies, dict) else None
-        return (inner.get("children") or []) if isinstance(inner, dict) else [], True
-    fresh = {"replies": replies} if changed else {}
-    if repeats(data, keys):
-        data = without_parent(data, keys)
-    return (
-        ([{**value, "data": {**data, **fresh}}], True)
-        if fresh or data is not value["data"]
-        else ([value], False)
-    )
+        return (inner.get("children") or []) if isinstance(inner, dict) else []
+    if "replies" in data:
+        data = {**data, "replies": replies}
+    return [{**value, "data": without_parent(data, keys) if repeats(data, keys) else data}]
 
 
-def _stub(
-    value: dict[str, Any], data: dict[str, Any], keys: Collection[str]
-) -> tuple[list[Any], bool]:
+def _stubs(value: dict[str, Any], data: dict[str, Any], keys: Collection[str]) -> list[Any]:
+    """A stub without the comments that it stands for and are keys."""
     children = answer_tree.stub_ids(data)
     kept = [key for key in children if f"t1_{key}" not in keys]
     if not children:
-        return ([], True) if answer_tree.named(data.get("parent_id"), keys) else ([value], False)
+        return [] if answer_tree.named(data.get("parent_id"), keys) else [value]
     if len(kept) == len(children):
-        return [value], False
-    # Without children it would mean "continue this thread".
-    return (
-        [{**value, "data": {**data, "children": kept, "id": kept[0], "name": f"t1_{kept[0]}"}}]
-        if kept
-        else []
-    ), True
+        return [value]
+    if not kept:  # without children it would mean "continue this thread"
+        return []
+    return [{**value, "data": {**data, "children": kept, "id": kept[0], "name": f"t1_{kept[0]}"}}]
 
 
 _ADDRESS = r"/(?:comments|gallery)/(?P<key>[0-9a-z]+)"
@@ -168,7 +143,7 @@ def repeats(post: dict[str, Any], keys: Collection[str]) -> bool:
     parents = post.get("crosspost_parent_list")
     listed = parents if isinstance(parents, list) else ()
     return answer_tree.named(post.get("crosspost_parent"), keys) or any(
-        isinstance(one, dict) and f"t3_{one.get('id')}" in keys for one in listed
+        isinstance(parent, dict) and f"t3_{parent.get('id')}" in keys for parent in listed
     )
 
 
@@ -179,24 +154,20 @@ def crossposts_of(answer: Any, keys: Collection[str]) -> set[str]:
 
 
 def without_parent(post: dict[str, Any], keys: Collection[str]) -> dict[str, Any]:
-    """The record of a crosspost of one of `keys` without what it shows; the same object when that
-    is gone already.
-    """
-    listed = post.get("crosspost_parent_list")
+    """The record of a crosspost of one of `keys` without what it shows."""
     copied = _copied()
-    if not listed and not copied & post.keys():
-        return post
     left = {name: value for name, value in post.items() if name not in copied}
-    if isinstance(listed, list):
+    if isinstance(listed := left.get("crosspost_parent_list"), list):
         left["crosspost_parent_list"] = [
-            one for one in listed if not (isinstance(one, dict) and f"t3_{one.get('id')}" in keys)
+            parent
+            for parent in listed
+            if not (isinstance(parent, dict) and f"t3_{parent.get('id')}" in keys)
         ]
     return left
 
 
-def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str]) -> int:
-    """Take the parents `keys` out of a folder of reddit/posts; how many rows changed. Raises
-    DiskFull.
+def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str]) -> None:
+    """Take the parents `keys` out of a folder of reddit/posts. Raises DiskFull.
 
     `crossposts` are bare ids of those that are known to repeat a key; others are recognized by
     their address. Files without such rows are not touched.
@@ -214,12 +185,12 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
         return pc.and_(shown, pc.not_equal(rows["type"].cast(pa.string()), "text"))
 
     columns = ["post_id", "type", "source_url", "is_crosspost"]
-    return _rewrite(folder, columns, hit, lambda rows: _bare(rows, hit(rows)))
+    _rewrite(folder, columns, hit, lambda rows: _bare(rows, hit(rows)))
 
 
-def drop_hashes(folder: Path, people: Collection[str]) -> int:
-    """Take what stands for people out of the addresses in a folder of reddit/posts; how many rows
-    changed. Raises DiskFull.
+def drop_hashes(folder: Path, people: Collection[str]) -> None:
+    """Take what stands for people out of the addresses in a folder of reddit/posts. Raises
+    DiskFull.
     """
     any_of = "|".join(sorted(people))
 
@@ -233,7 +204,8 @@ def drop_hashes(folder: Path, people: Collection[str]) -> int:
         fresh = pc.replace_substring_regex(_addresses(rows), any_of, PURGED)
         return rows.set_column(place, "source_url", fresh)
 
-    return _rewrite(folder, ["source_url"], hit, changed) if people else 0
+    if people:
+        _rewrite(folder, ["source_url"], hit, changed)
 
 
 def _addresses(rows: pa.RecordBatch) -> Any:
@@ -245,21 +217,16 @@ def _rewrite(
     columns: list[str],
     hit: Callable[[pa.RecordBatch], pa.BooleanArray],
     change: Callable[[pa.RecordBatch], pa.RecordBatch],
-) -> int:
+) -> None:
     """Write the files of reddit/posts again in which `hit`, which reads these columns, is true of
-    a row; how many rows that are.
+    a row.
     """
-    changed = 0
     for path in parquet_files(folder):
         with reading([path]), parquet.open_file(path) as file:
-            hits = sum(hit(batch).true_count for batch in file.iter_batches(columns=columns))
-            if not hits:
-                continue
-            with ShardWriter(path, "reddit/posts", in_order=True) as writer:
-                for batch in file.iter_batches():
-                    writer.write(pa.Table.from_batches([change(batch)]))
-        changed += hits
-    return changed
+            if any(hit(batch).true_count for batch in file.iter_batches(columns=columns)):
+                with ShardWriter(path, "reddit/posts", in_order=True) as writer:
+                    for batch in file.iter_batches():
+                        writer.write(pa.Table.from_batches([change(batch)]))
 
 
 def _bare(rows: pa.RecordBatch, hit: pa.BooleanArray) -> pa.RecordBatch:

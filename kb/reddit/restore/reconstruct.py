@@ -15,6 +15,8 @@ was in flight; then kb.artifacts.restore adds them to the tables of earlier runs
 It is also the job of `kb restore` for released folders of Reddit.
 """
 
+from __future__ import annotations
+
 import hashlib
 import math
 import shutil
@@ -51,7 +53,7 @@ from kb.reddit.crawl.subreddit import INFO, MORE, THREAD, TREE
 from kb.reddit.dumps.cursor import recover_segments
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.dumps.import_file import ImportJob
-from kb.reddit.dumps.known_dumps import sampled_name
+from kb.reddit.dumps.known_dumps import samples_of
 from kb.reddit.dumps.search import write_index
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.plan import plan_rebuild
@@ -136,7 +138,6 @@ def unanswered(state: Path) -> dict[str, str]:
 
 
 LOCK = ".lock"  # in a folder of tables outside of the data root: one run at a time adds to them
-_SINCE = "writes"  # in a work folder: how often the tables had been written when it began
 NOT_IN_DUMPS = "not in these dumps"
 WITHOUT_KEY = "archive dumps need no key: --dumps FILE…"
 
@@ -244,25 +245,31 @@ def rebuild(
         require(run, without=WITHOUT_KEY)
     wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, removed)
+    work = out / f"{WORK}-{digest}"
     tables.check_place(out)
     with _writer(run.root, out):
         for name in (tables.DONE, MISSING):
             leftovers.remove_temporary(out / name)  # of a killed run
         tables.folder_of(out).settle()
-        done, work = _load(out), out / f"{WORK}-{digest}"
+        done = _load(out)
         if digest in done.answered and not run.again:
             shutil.rmtree(work, ignore_errors=True)
             state = "these dumps are already read" if dumps else "every id is already answered"
             run.progress.say(f"{out}: {state}; --again reads them again")
             return Summary(**{**done.answered[digest], **_counts(out, done), "requests": 0})
-        stale = _is_stale(work, done)
         removed = {*removed, *tombstones.keys(run.root, "reddit")}
-        people = tombstones.people(run.root, "reddit")
-        answers = tables.Answers(work, wanted, {}, released(sources), stale, removed, people)
+        answers = tables.Answers(
+            work,
+            wanted,
+            released(sources),
+            purged=removed,
+            people=tombstones.people(run.root, "reddit"),
+            otherwise=NOT_IN_DUMPS if dumps else "missing",
+        )
         if dumps:
-            subreddit = "" if wanted.trees else subreddit_of(sources)
-            summary = _read_dumps(run, wanted, dumps, work, removed, subreddit)
-            answers = answers._replace(stale=True, otherwise=NOT_IN_DUMPS)
+            summary = _read_dumps(
+                run, answers, dumps, "" if wanted.trees else subreddit_of(sources)
+            )
         else:
             source = KnownIds(run, wanted)
             summary = job.work(
@@ -271,31 +278,37 @@ def rebuild(
             answers = answers._replace(unanswered=unanswered(Layout(work).state("reddit")))
         if wanted.bad_lines:
             summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
-        try:
-            done.answered.pop(digest, None)
-            done.counts = tables.write(answers, out, run.profile.section(RedditSection).links)
-            done.writes += 1
-            summary |= _counts(out, done)
-        except KbError as error:
-            error.summary = summary
-            raise
-        write_bytes(work / _SINCE, str(done.writes).encode())
-        if not summary["failed"]:
-            done.answered[digest] = dict(summary)
-        write_bytes(out / tables.DONE, msgspec.json.encode(done))
-        if not summary["failed"]:
-            shutil.rmtree(work)
+        return _add(run, answers, out, summary, done, digest)
+
+
+def _add(
+    run: Run, answers: tables.Answers, out: Path, summary: Summary, done: Done, digest: str
+) -> Summary:
+    """Add all answers to the tables, and note that this list is answered; `summary` with the counts
+    of the tables. What failed keeps its work folder: the next run asks for it alone.
+    """
+    complete = not summary["failed"]
+    try:
+        links = run.profile.section(RedditSection).links
+        done.counts = tables.add_answers(answers, out, links)
+        summary |= _counts(out, done)
+    except KbError as error:
+        error.summary = summary
+        raise
+    done.answered.pop(digest, None)
+    if complete:
+        done.answered[digest] = dict(summary)
+    write_bytes(out / tables.DONE, msgspec.json.encode(done))
+    if complete:
+        shutil.rmtree(answers.work)
     return summary
 
 
 class Done(msgspec.Struct):
-    """What .done.json says: the summary of each list of ids by its digest, rows of the tables, and
-    how often they were written.
-    """
+    """What .done.json says: the summary of each list of ids by its digest, and rows of tables."""
 
     answered: dict[str, dict[str, Any]] = {}
     counts: dict[str, int] = {}
-    writes: int = 0
 
 
 def _load(out: Path) -> Done:
@@ -305,23 +318,14 @@ def _load(out: Path) -> Done:
     except (OSError, msgspec.DecodeError):
         return Done()
     try:
-        names = [one.declared.short for one in tables.TABLES]
+        names = [table.declared.short for table in tables.TABLES]
         missing = parquet.footer(out / MISSING).num_rows
         counts = tables.folder_of(out).counts() | {MISSING: missing}
         if counts == done.counts and all(parquet_files(out / name) for name in names):
             return done
     except (OSError, ValueError, DamagedData):
         pass
-    return Done(writes=done.writes)
-
-
-def _is_stale(work: Path, done: Done) -> bool:
-    """Whether other runs have written to the tables since this work folder began."""
-    path = work / _SINCE
-    if not path.exists():
-        write_bytes(path, str(done.writes).encode())
-        return False
-    return path.read_text() != str(done.writes)
+    return Done()
 
 
 def _writer(root: Path, out: Path) -> AbstractContextManager[None]:
@@ -338,22 +342,18 @@ def _digest(wanted: WantedThings, dumps: Sequence[Path], removed: Collection[str
     """Identifies what is wanted, from which dumps, and without which names."""
     if not dumps and not removed:
         return wanted.digest()
-    names = [*sorted(sampled_name(file, 0.0, math.inf) for file in dumps), *sorted(removed)]
+    names = [*sorted(samples_of(file) for file in dumps), *sorted(removed)]
     return hashlib.sha256(" ".join([wanted.digest(), *names]).encode()).hexdigest()[:16]
 
 
 def _read_dumps(
-    run: Run,
-    wanted: WantedThings,
-    dumps: Sequence[Path],
-    work: Path,
-    removed: Collection[str],
-    subreddit: str,
+    run: Run, answers: tables.Answers, dumps: Sequence[Path], subreddit: str
 ) -> Summary:
     """Wanted records of the dumps → raw answers in the work folder, as an import writes them.
 
     `subreddit` is that of all ids, "" where it is unknown.
     """
+    work, wanted = answers.work, answers.wanted
     ids, notes = work / "ids", Layout(work).importing("reddit")
     if run.again and not notes.exists():
         run = replace(run, again=False)  # nothing was read yet that could be read anew
@@ -361,7 +361,7 @@ def _read_dumps(
     load_key(run.root)
     if not ids.is_dir():
         with run.progress.task("ids", unit="steps"):
-            write_index(wanted.names, wanted.trees, ids, removed)
+            write_index(wanted.names, wanted.trees, ids, answers.purged)
     room, home = run.limit or 0, str(run.root)
     job_ = ImportJob(str(work), "", subreddit, 0.0, math.inf, room, ids=str(ids), home=home)
     try:
@@ -380,8 +380,8 @@ def _of_dumps(summary: Mapping[str, Any]) -> Summary:
 def _counts(out: Path, done: Done) -> dict[str, int]:
     """Rows of the tables now; what failed is not `missing`, as the next run asks for it."""
     reasons = tables.folder_of(out).missing().values()
-    failed = sum(one.reason == FAILED for one in reasons)
-    counts = {one.declared.short: done.counts[one.declared.short] for one in tables.TABLES}
+    failed = sum(reason.reason == FAILED for reason in reasons)
+    counts = {table.declared.short: done.counts[table.declared.short] for table in tables.TABLES}
     return {**counts, "missing": done.counts[MISSING] - failed}
 
 
@@ -412,9 +412,9 @@ class ThreadRestore:
             return PlanPart()
         key = f"Reddit, {self.run.settings.named('reddit_client_id')}"
         summary = plan_rebuild(self.run, self._folders(), self.dumps)
-        phases = [PlanPhase(**one) for one in summary["phases"]]
+        phases = [PlanPhase(**phase) for phase in summary["phases"]]
         whom = "dumps, no key" if self.dumps else key
-        return PlanPart([one.of(whom) for one in phases], [str(summary["assumed"])])
+        return PlanPart([phase.of(whom) for phase in phases], [str(summary["assumed"])])
 
     def restore(self) -> Summary:
         """As `RestoreJob.restore`. Raises as `rebuild`."""
@@ -433,4 +433,4 @@ class ThreadRestore:
         return pa.table({"source": sources, "part": parts, "key": keys, "reason": reasons})
 
     def _folders(self) -> list[Path]:
-        return [one.path for one in self.content.of("reddit")]
+        return [folder.path for folder in self.content.of("reddit")]

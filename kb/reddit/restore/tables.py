@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from datetime import datetime
 from functools import partial
 from itertools import chain
@@ -27,6 +27,7 @@ from kb.artifacts.restore import (
     RestoreFolder,
     fresh_rows,
 )
+from kb.core import clock
 from kb.core.errors import SettingError
 from kb.reddit.crawl.ids import Released, WantedThings
 from kb.reddit.dumps.cursor import KIND
@@ -54,7 +55,7 @@ def check_place(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise SettingError(f"--out {out} is not a folder", hint="give a folder")
     ours = (out / DONE).exists() or (out / MISSING).exists() or any(out.glob(f"{WORK}-*"))
-    for place in (out / one.declared.short for one in TABLES):
+    for place in (out / table.declared.short for table in TABLES):
         if place.is_dir() and not place.is_symlink():
             entries = sorted(place.iterdir())
         else:
@@ -70,23 +71,23 @@ def check_place(out: Path) -> None:
 class Answers(NamedTuple):
     """What one run has: `unanswered` full name → reason; `released` fills in what no answer says.
 
-    `stale`: other runs may have written newer rows than these answers, as always with dumps.
     `purged` are tombstones, `people` stands for authors who asked to be left out. `otherwise` is
     the reason of names that no answer mentions.
     """
 
     work: Path
     wanted: WantedThings
-    unanswered: dict[str, str]
     released: Released
-    stale: bool = False
     purged: Collection[str] = ()
     people: Collection[str] = ()
     otherwise: str = "missing"
+    unanswered: Mapping[str, str] = {}
 
 
-def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
-    """Add the answers to the tables below `out`; rows of each. Raises DamagedData, DiskFull."""
+def add_answers(answers: Answers, out: Path, links: Links) -> dict[str, int]:
+    """Add the answers to the tables below `out`; rows of each. Other runs may have written newer
+    rows meanwhile: times decide. Raises DamagedData, DiskFull.
+    """
     wanted, work, folder = answers.wanted, answers.work, folder_of(out)
     buckets = folder.buckets(len(wanted.names) + 50 * len(wanted.trees))
     scratch = work / "rows"
@@ -94,7 +95,8 @@ def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         _partition(work, scratch, buckets, links)
-        reasons = {key: MissingReason(reason) for key, reason in answers.unanswered.items()}
+        now = clock.now()
+        reasons = {key: MissingReason(reason, now) for key, reason in answers.unanswered.items()}
         for number in range(buckets):
             reasons |= _answered(scratch, number, answers)
         reasons |= dict.fromkeys(answers.purged, MissingReason(PURGED, FOREVER))
@@ -103,7 +105,7 @@ def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
             buckets,
             reasons,
             chain(wanted.names, (f"t3_{key}" for key in wanted.trees)),
-            newer=not answers.stale,
+            newer=False,
             unlisted=answers.purged,
             otherwise=answers.otherwise,
             finish=partial(_finished, people=pa.array(sorted(answers.people), pa.string())),
@@ -135,9 +137,9 @@ def _answered(scratch: Path, number: int, answers: Answers) -> dict[str, Missing
     if not answered:
         return reasons
     made = assemble(answered)
-    for one in TABLES:
-        rows = _complete(made[one.name], one.declared, reasons)
-        if one.declared.short == "posts":
+    for table in TABLES:
+        rows = _complete(made[table.name], table.declared, reasons)
+        if table.declared.short == "posts":
             # Nobody read the tree of a post that was asked for by its id alone.
             trees = pc.is_in(rows["post_id"], pa.array(answers.wanted.trees, pa.string()))
             unread = pc.if_else(trees, rows["comments_unread"], pa.scalar(None, pa.int64()))
@@ -147,7 +149,7 @@ def _answered(scratch: Path, number: int, answers: Answers) -> dict[str, Missing
             rows = _filled(rows, "comment_id", "depth", answers.released.depths)
             posts = [name[3:] for name in answers.purged if name.startswith("t3_")]
             rows = rows.filter(pc.invert(pc.is_in(rows["post_id"], pa.array(posts, pa.string()))))
-        path = fresh_rows(scratch, number, one.declared.short)
+        path = fresh_rows(scratch, number, table.declared.short)
         with pa.ipc.new_file(str(path), rows.schema) as file:
             file.write_table(rows)
     return reasons

@@ -198,7 +198,10 @@ def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
     problems = []
     main = sum(parquet.footer(shard).num_rows for shard in folder.shards(of.main))
     if named and (unnamed := main - sum(named.values())):
-        what = f"{unnamed:,} rows name no licence, though others do; run `kb wiki crawl --again`"
+        what = (
+            f"{unnamed:,} rows name no licence, though others do;"
+            f" run `kb {folder.source} crawl --again`"
+        )
         problems.append(GateProblem("licence", f"{folder.source}/pages", what))
     spdx = folder_licence(run, folder)
     if not spdx:

@@ -26,7 +26,12 @@ from kb.store.tables import reading
 
 Apply = Callable[[Frontier, str, Envelope], None]
 """Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
-DUMPS = "dumps"  # the one raw kind that no crawl can ask for: its files have to be imported again
+_IMPORTS = {
+    "dumps": "run `kb reddit import --again` with the dumps that were imported",
+    "own_transcripts": "run `kb youtube import` with the --own-transcripts that were imported",
+    "ytdlp_playlists": "run `kb youtube import` with the folders that were imported",
+}
+"""The raw kinds that no crawl can ask for, and how they come again."""
 _NAMED = 3  # items that a message names
 _CHUNK = 1 << 16
 
@@ -81,10 +86,10 @@ def noted_segments(root: Path, source: str) -> list[Path]:
     return [path for path in noted if path.name.endswith((rawlog.SUFFIX, rawlog.OPEN))]
 
 
-def lost_dumps(lost: Sequence[LostRange]) -> list[tuple[str, str]]:
+def lost_imports(lost: Sequence[LostRange]) -> list[tuple[str, str]]:
     """(kind, segment) of those that no crawl can ask for."""
-    names = [path.name for path, *_ in lost if path.parent.name == DUMPS]
-    return [(DUMPS, name) for name in dict.fromkeys(names)]
+    places = [(path.parent.name, path.name) for path, *_ in lost]
+    return [place for place in dict.fromkeys(places) if place[0] in _IMPORTS]
 
 
 def losses(root: Path, source: str, frontier: Frontier, *, every: bool = False) -> list[LostRange]:
@@ -142,7 +147,7 @@ def check(root: Path, source: str) -> None:
     with reading.state(path) as frontier:
         items, lost = frontier.lost(), losses(root, source, frontier)
     if lost or items:
-        error = damage_of(root, source, lost, [*items, *lost_dumps(lost)])
+        error = damage_of(root, source, lost, [*items, *lost_imports(lost)])
         if not items:  # nobody has looked up yet what was in it
             error.hint = f"run `kb {source} crawl`, which sets damage aside and fetches it again"
         raise error
@@ -159,12 +164,10 @@ def damage_of(
         what += f"; lost are the answers of {named}{more}"
     if len(lost) > 1:
         what += f" (and {len(lost) - 1:,} more places)"
-    if any(kind == DUMPS for kind, _ in items):
-        hint = "run `kb reddit import --again` with the dumps that were imported"
-    elif items or not lost:
-        hint = f"run `kb {source} crawl`: it fetches them again"
-    else:
-        hint = "no known answer was lost: the same command resumes"
+    hints = [_IMPORTS[kind] for kind, _ in items if kind in _IMPORTS]
+    if len(hints) < len(items) or not lost:
+        hints.append(f"run `kb {source} crawl`: it fetches them again")
+    hint = "; ".join(dict.fromkeys(hints)) or "no known answer was lost: the same command resumes"
     return DamagedData(what, hint=hint)
 
 

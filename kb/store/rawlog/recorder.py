@@ -65,12 +65,12 @@ class Recorder:
         if lost:
             with self._frontier.transaction():
                 self._frontier.start_over()
-                self._frontier.note_lost(quarantine.lost_dumps(lost))
+                self._frontier.note_lost(quarantine.lost_imports(lost))
             lost = quarantine.set_aside(lost)
         damage_note.forget(self._root, *segments)
         recover(self._root, self._source)
         lost += self._replay()
-        items = [*quarantine.lost_dumps(lost), *self._frontier.settle(self._asked)]
+        items = [*quarantine.lost_imports(lost), *self._frontier.settle(self._asked)]
         if lost or items:
             self.damage = quarantine.damage_of(self._root, self._source, lost, items)
 
@@ -146,7 +146,7 @@ class Recorder:
                 if path not in error.paths:
                     raise
                 damaged = quarantine.lost_of(path)
-                self._frontier.note_lost(quarantine.lost_dumps(damaged))
+                self._frontier.note_lost(quarantine.lost_imports(damaged))
                 lost += quarantine.set_aside(damaged)
                 replay_segment(path, self._frontier, self._apply)
         return lost

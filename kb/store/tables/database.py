@@ -82,3 +82,13 @@ def _set(con: duckdb.DuckDBPyConnection) -> None:
     # In a notebook without ipywidgets DuckDB shows no progress, and refuses to be told so.
     with contextlib.suppress(duckdb.InvalidInputException):
         con.execute("SET enable_progress_bar = false")
+
+
+def one_line(error: Exception) -> str:
+    """DuckDB's message without the excerpt of the query, and with three suggestions at most."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if not lines:
+        return type(error).__name__
+    starts = ("Did you mean", "Candidate bindings", "Candidate functions", "Candidate Entries")
+    guesses = [line for line in lines[1:] if line.startswith(starts) and "duckdb_" not in line]
+    return " ".join([lines[0], *(", ".join(line.split(", ")[:3]) for line in guesses)])

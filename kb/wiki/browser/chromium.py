@@ -6,6 +6,7 @@ process is killed, Linux kills the driver, and the browser exits because the pip
 closes.
 """
 
+import contextlib
 import os
 import re
 import select
@@ -38,10 +39,11 @@ class Programs:
     driver: str
 
 
-def find() -> Programs:
+def find_programs() -> Programs:
     """The browser and a driver of the same major version. Raises MissingExtra (exit 2)."""
     try:
         import PIL  # noqa: F401
+        import psutil  # noqa: F401
         import selenium  # noqa: F401
     except ImportError as error:
         raise MissingExtra(
@@ -138,8 +140,10 @@ class DriverProcess:
 
     def __init__(self, program: str) -> None:
         """Raises MissingExtra when it does not start."""
+        import psutil
+
         for leftover in Path(tempfile.gettempdir()).glob(f"{_FOLDER}*"):  # of killed processes
-            if not Path("/proc", leftover.name.split("-")[2]).exists():
+            if not psutil.pid_exists(int(leftover.name.split("-")[2])):
                 shutil.rmtree(leftover, ignore_errors=True)
         self.folder = tempfile.mkdtemp(prefix=f"{_FOLDER}{os.getpid()}-")
         names = ("HOME", "TMPDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")
@@ -217,56 +221,33 @@ def family(leader: int, folder: str = "") -> list[int]:
     """All processes of the session of `leader`, its descendants, and those that name its folder.
 
     Chromium's crash handler leaves session and parents at once; the folder in its arguments gives
-    it away.
+    it away. A zombie that waits for its parent counts as gone.
     """
+    import psutil
+
     parents: dict[int, int] = {}
     family = {leader}
-    for name in (path.name for path in Path("/proc").iterdir()):
-        if not name.isdigit():
-            continue
-        try:
-            with Path(f"/proc/{name}/stat").open(encoding="utf-8", errors="replace") as file:
-                fields = file.read().rpartition(")")[2].split()
-        except OSError:
-            continue
-        pid = int(name)
-        parents[pid] = int(fields[1])
-        if int(fields[3]) == leader or (folder and _names(pid, folder)):
-            family.add(pid)
-    grown = True
-    while grown:
-        more = {pid for pid, parent in parents.items() if parent in family} - family
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, OSError):
+            if process.status() == psutil.STATUS_ZOMBIE:
+                continue
+            parents[process.pid] = process.ppid()
+            named = folder and any(folder in argument for argument in process.cmdline())
+            if named or os.getsid(process.pid) == leader:
+                family.add(process.pid)
+    while more := {pid for pid, parent in parents.items() if parent in family} - family:
         family |= more
-        grown = bool(more)
-    return sorted(family & (parents.keys() | {leader}))
-
-
-def _names(pid: int, folder: str) -> bool:
-    try:
-        with Path(f"/proc/{pid}/cmdline").open("rb") as file:
-            return folder.encode() in file.read()
-    except OSError:
-        return False
+    return sorted(family & parents.keys())
 
 
 def end(leader: int, folder: str = "") -> None:
     """Kill the family of `leader` until none is left, then remove its folder."""
     for _ in range(50):
-        alive = [pid for pid in family(leader, folder) if _kill(pid)]
-        if not alive:
+        if not (alive := family(leader, folder)):
             break
+        for pid in alive:
+            with contextlib.suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
         threading.Event().wait(0.02)
     if folder:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _kill(pid: int) -> bool:
-    """Whether the process was still there; a zombie that waits for its parent counts as gone."""
-    try:
-        with Path(f"/proc/{pid}/stat").open(encoding="utf-8", errors="replace") as file:
-            if file.read().rpartition(")")[2].split()[0] in "ZX":
-                return False
-        os.kill(pid, signal.SIGKILL)
-        return True
-    except OSError:
-        return False

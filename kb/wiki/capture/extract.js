@@ -290,7 +290,9 @@ function fileOf(img) {
     ? link.href : null;
 }
 function picture(img) {
-  return { src: img.currentSrc || img.src || null, alt: sound(img.getAttribute("alt")), file: fileOf(img),
+  // What leads to the page itself, as src="" and src="#" do, is no picture.
+  const src = img.currentSrc || img.src, page = (address) => address.replace(/\??(#.*)?$/, "");
+  return { src: src && page(src) !== page(location.href) ? src : null, alt: sound(img.getAttribute("alt")), file: fileOf(img),
     natural: [img.naturalWidth, img.naturalHeight], loaded: img.complete && img.naturalWidth > 0 };
 }
 function nameOf(e) {
@@ -354,31 +356,50 @@ function framesOf(e) {
 
 // The facts of an infobox: its own tables over their grids, lists of terms, pairs of a name and a value, names in bold.
 // A name that several groups of a box have is told with its group. Rows that can't be read are counted.
+const NAMING = "table, dl, h1, h2, h3, h4, h5, h6";
 function readFacts(box) {
   const told = [], around = (e) => { const cell = e.parentElement?.closest("td, th"); return cell && cell !== box && box.contains(cell); };
   const outer = (e) => { const table = e.closest("table"); return !table || !box.contains(table) || !around(table); };
   const title = [...box.querySelectorAll(rules.fact_subject)].find(outer);
-  const subject = title && textOf(title.childNodes, !shown(title), false) || null;
+  const subject = title && textOf(title.childNodes, !shown(title), false).replace(/[\s:：]+$/, "") || null;
   const words = (e) => textOf(e.childNodes, !shown(e), false);
-  let group = null, last = null;
-  // `names` are elements or texts, `nodes` the value, a part of `at`.
-  const tell = (names, at, nodes = at.childNodes) => {
-    const field = names.map((name) => (name?.nodeType ? words(name) : name)).filter(Boolean);
-    const value = valueOf(at, nodes);
-    if (!field.length || !value) return false;
-    if (room()) told.push({ subject, field: field.join(" › "), group, value, visible: place(at.getBoundingClientRect(), at.parentElement, shown(at)).visible, at });
+  // What a fact was made of is passed over when it is met again, with all that is inside of it.
+  const passed = new Set();
+  let group = null;
+  const nameIn = (e) => words(e).replace(/[\s:：]+$/, "");
+  // `names` are elements or texts, `nodes` the value, a part of `at`; `unsure` where a title may be taken for a name.
+  const tell = (names, at, nodes = at.childNodes, unsure = false) => {
+    const field = names.map((name) => (name?.nodeType ? nameIn(name) : name)).filter(Boolean);
+    const value = valueOf(at, nodes).replace(/^[\s:：]+/, "");
+    if (!field.length || !value || unsure && !textOf(nodes, true, false)) return false;
+    if (room()) told.push({ subject, field: field.join(" › "), group, value, unsure, visible: place(at.getBoundingClientRect(), at.parentElement, shown(at)).visible, at });
     return true;
   };
   const isTitle = (e) => [...e.querySelectorAll("b, strong")].map(words).join("") === words(e);
   const missed = (e) => { if (words(e).trim()) unread++; };
+  const isBold = (node) => node.nodeType === 1 && /^(B|STRONG)$/.test(node.tagName);
+  const behind = (e) => e.nextSibling?.textContent.trim() || e.nextElementSibling?.textContent.trim() || "";
+  const isMarked = (e) => /(^|[-_\s])(label|name|key|term|field)([-_\s]|$)/i.test(e.getAttribute("class") || "") || /[:：]\s*$/.test(e.textContent)
+    || isBold(e) && /^[:：]/.test(behind(e));
+  const isName = (e) => isMarked(e) || isBold(e) || Number(style(e).fontWeight) >= 600;
+  // What has names of its own is no value: that of a bold title would be all that the box says.
+  const holdsNames = (e) => e.matches(NAMING) || [...e.querySelectorAll("*")].some((x) => x.matches(NAMING) || isMarked(x) && /[^\s:：]/.test(behind(x)));
   // Names in bold at the beginning of a line, each with what follows it.
   const readBold = (e) => {
     let name = null, nodes = [], fresh = true, found = false;
-    const end = () => { if (name) found = tell([name], e, nodes) || found; name = null; nodes = []; };
+    const end = () => {
+      if (name && tell([name], e, nodes, !isMarked(name))) {
+        found = true;
+        for (const node of [name, ...nodes]) passed.add(node);
+      }
+      name = null;
+      nodes = [];
+    };
     for (const node of e.childNodes) {
-      const bold = node.nodeType === 1 && /^(B|STRONG)$/.test(node.tagName);
-      if (bold && fresh) { end(); name = node; } else if (name) nodes.push(node);
-      fresh = node.nodeName === "BR" || fresh && node.nodeType === 3 && !node.data.trim();
+      const other = node.nodeType === 1 && holdsNames(node);
+      if (other) end();
+      else if (isBold(node) && fresh) { end(); name = node; } else if (name) nodes.push(node);
+      fresh = other || node.nodeName === "BR" || fresh && node.nodeType === 3 && !node.data.trim();
     }
     end();
     return found;
@@ -407,7 +428,7 @@ function readFacts(box) {
         if (names.length) {
           heads = [];
           pending = title && (cell === title || cell.contains(title)) ? null : cell;
-          group = pending ? words(cell) || null : group;
+          group = pending ? nameIn(cell) || null : group;
         } else {
           const inner = cell.querySelectorAll("table");
           if (pending && words(cell).trim()) tell([pending], cell);
@@ -422,7 +443,7 @@ function readFacts(box) {
       if (!others.length) { // heads of columns, in one row or more
         if (before !== "heads") heads = [];
         for (const cell of names) for (let j = 0; j < places.get(cell).colspan; j++) {
-          const at = places.get(cell).column + j, text = words(cell);
+          const at = places.get(cell).column + j, text = nameIn(cell);
           heads[at] = heads[at] && heads[at] !== text ? `${heads[at]} › ${text}` : text;
         }
         before = "heads";
@@ -452,33 +473,44 @@ function readFacts(box) {
     else if (fields.length === 1) values.forEach((value) => tell(fields, value));
     else if (fields.length) missed(row);
   };
-  const readList = (list) => {
+  // A list within a value has names below those of the value.
+  const readList = (list, above = []) => {
     let names = [];
-    for (const e of list.querySelectorAll("dt, dd")) {
+    for (const e of [...list.querySelectorAll("dt, dd")].filter((x) => x.closest("dl") === list)) {
       if (e.tagName === "DT") names = names.closed || !names.length ? [e] : [...names, e];
-      else { names.forEach((name) => tell([name], e)); names.closed = true; }
+      else {
+        const own = [...e.childNodes].filter((node) => node.nodeType !== 1 || !node.matches("dl") && !node.querySelector("dl"));
+        const inner = [...e.querySelectorAll("dl")].filter((x) => x.parentElement.closest("dl") === list);
+        for (const name of names) {
+          tell([...above, name], e, own);
+          inner.forEach((x) => readList(x, [...above, name]));
+        }
+        names.closed = true;
+      }
     }
   };
-  const plain = (e) => e && e.childElementCount < 20 && !e.matches("table, dl, img, figure, h1, h2, h3, h4, h5, h6") && words(e).trim();
-  const isName = (e) => /(^|[-_\s])(label|name|key|term|field)([-_\s]|$)/i.test(e.getAttribute("class") || "") || /[:：]\s*$/.test(e.textContent)
-    || /^(B|STRONG)$/.test(e.tagName) || Number(style(e).fontWeight) >= 600;
+  const plain = (e) => e && e.childElementCount < 20 && !e.matches("img, figure") && !holdsNames(e) && words(e).trim();
   for (const e of [box, ...box.querySelectorAll("*")]) {
-    if (last?.contains(e) || isChrome(e)) continue;
-    if (e.tagName === "TABLE") { last = e; readTable(e); }
-    else if (e !== box && e.matches(rules.fact)) { last = e; readRow(e); }
-    else if (e.tagName === "DL") { last = e; readList(e); }
+    if (passed.has(e) || passed.has(e.parentElement) || isChrome(e)) { passed.add(e); continue; }
+    if (e.tagName === "TABLE") { passed.add(e); readTable(e); }
+    else if (e !== box && e.matches(rules.fact)) { passed.add(e); readRow(e); }
+    else if (e.tagName === "DL") { passed.add(e); readList(e); }
     else if (e !== box && tabName(e)) group = tabName(e);
-    else if (e !== title && e.matches(".pi-header, h2, h3, h4")) { last = e; group = words(e) || null; }
-    else if (readBold(e)) last = e;
+    else if (e !== title && e.matches(".pi-header, h2, h3, h4")) { passed.add(e); group = nameIn(e) || null; }
+    else if (readBold(e)) continue;
     else if (e !== title && e.tagName !== "A" && plain(e) && isName(e) && plain(e.nextElementSibling) && !isName(e.nextElementSibling)
       && !/\S/.test(e.nextSibling?.nodeType === 3 ? e.nextSibling.data : "") && !e.previousElementSibling?.matches("a, b, strong")) {
-      for (let value = e.nextElementSibling; plain(value) && !isName(value); value = value.nextElementSibling) { tell([e], value); last = value; }
-      continue;
+      for (let value = e.nextElementSibling; plain(value) && !isName(value); value = value.nextElementSibling) {
+        tell([e], value, value.childNodes, !isMarked(e));
+        passed.add(value);
+      }
     }
   }
+  const signs = (text) => text.replace(/[\s:：]/g, "").length;
+  if (told.length === 1 && told[0].unsure && signs(told[0].field + told[0].value) >= signs(words(box))) told.pop();
   const groups = new Map();
   for (const { field, group: one } of told) groups.set(field, (groups.get(field) || new Set()).add(one));
-  for (const { group: one, ...fact } of told) facts.push(groups.get(fact.field).size > 1 && one ? { ...fact, field: `${one} › ${fact.field}` } : fact);
+  for (const { group: one, unsure, ...fact } of told) facts.push(groups.get(fact.field).size > 1 && one ? { ...fact, field: `${one} › ${fact.field}` } : fact);
 }
 // What the tab is called that shows a part; "" for what is no tab's part.
 function tabName(e) {
@@ -565,6 +597,7 @@ function walk(e, ctx, grids) {
     const cycle = window.__kb ? window.__kb.cycle(e) : null;
     const sprite = e.closest(rules.sprite_image);
     const what = { ...picture(e), caption: captionOf(e) };
+    if (!what.src && !cycle && !sprite) return;
     if (cycle) add("animation", e, here, { ...what, frames: cycle.map((f) => ({ ...what, ...f, text: null })) });
     else add(sprite ? "sprite" : "image", e, here, sprite ? { ...what, text: nameOf(e) } : what);
     return;

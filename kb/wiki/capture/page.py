@@ -84,7 +84,7 @@ class DocumentResponse:
 
 
 class PageTraffic:
-    """The responses since the page was opened, by URL, from Chromium's performance log; `read`
+    """The responses since the page was opened, by URL, from Chromium's performance log; `take_in`
     updates them. Scripts of the page see neither Retry-After nor why an image failed.
     """
 
@@ -97,7 +97,7 @@ class PageTraffic:
         self.served: dict[str, DocumentResponse] = {}
         browser.record()  # forget the pages before
 
-    def read(self) -> None:
+    def take_in(self) -> None:
         """Process the log entries since the last call. Raises Retryable."""
         for entry in self._browser.record():
             event = json.loads(entry["message"])["message"]
@@ -144,7 +144,7 @@ class PageTraffic:
         """The last response of the page's own document, behind redirects; None without one."""
         return self.served.get(self._addresses.get(self._document or "", ""))
 
-    def of(self, url: str) -> DocumentResponse | None:
+    def response_of(self, url: str) -> DocumentResponse | None:
         """The last response of a URL; None when it was not requested."""
         return self.served.get(_bare(url))
 
@@ -187,7 +187,7 @@ def capture(
     rules = {**rules, "still_seconds": still, "patience": patience}
     with _explained(browser, network, url):
         browser.go(url)
-        network.read()
+        network.take_in()
         _check_document(browser, network, url)
         if page_id is not None:
             _check_identity(browser.script(_IDENTITY), page_id)
@@ -195,7 +195,11 @@ def capture(
             if text is not None and "</html" not in text[-1000:].lower():
                 raise ServerFault("cut_off")
         if strict and (broken := browser.script(_BROKEN)):
-            waits = [served.after or 0.0 for one in broken if (served := network.of(one))]
+            waits = [
+                served.after or 0.0
+                for address in broken
+                if (served := network.response_of(address))
+            ]
             raise ServerFault("resource_failed", after=max(waits, default=0.0) or None)
     look = partial(_look, browser, network, url, shot, rules, max_height, page_id, turn)
     for _ in range(patience - 1):
@@ -279,10 +283,10 @@ def _settle(
         ready = browser.promise(_SETTLE, {**rules, "settle_seconds": left})
         if not isinstance(ready, dict) or "error" in ready:
             raise Retryable(f"settle_failed: {(ready or {}).get('error', 'no answer')}")
-        network.read()
+        network.take_in()
         asked = 0
         for image in ready["failed"]:
-            served = network.of(image)
+            served = network.response_of(image)
             if served is None or not served.may_come_back:
                 continue
             if tries[image] >= rules["image_tries"]:
@@ -300,10 +304,10 @@ def _settle(
 def _retry_after(network: PageTraffic, url: str) -> float | None:
     """The Retry-After of a document that the browser did not show."""
     try:
-        network.read()
+        network.take_in()
     except Retryable:
         return None
-    served = network.of(url)
+    served = network.response_of(url)
     return served.after if served and served.may_come_back else None
 
 
@@ -321,7 +325,7 @@ def _check_document(browser: Browser, network: PageTraffic, url: str) -> None:
     if not _same_site(where, url):
         raise OtherPage("redirected_away", where)
     if status == 429 or status >= 500:
-        served = network.of(where)
+        served = network.response_of(where)
         raise ServerFault(
             f"http_{status}", after=served.after if served else None, unreachable=True
         )
@@ -346,7 +350,7 @@ def check_page(browser: Browser, url: str, page_id: int | None = None) -> None:
     """Load a page, by its id if given, to see whether the wiki serves it. Raises as `capture`."""
     network = PageTraffic(browser)
     browser.go(url)
-    network.read()
+    network.take_in()
     _check_document(browser, network, url)
     shown = browser.script(_IDENTITY)
     if page_id is not None:
@@ -367,5 +371,5 @@ def _redirect_error(browser: Browser, url: str) -> ItemFinal | None:
     return None
 
 
-def _same_site(one: str, other: str) -> bool:
-    return urlsplit(one).netloc == urlsplit(other).netloc
+def _same_site(url: str, other: str) -> bool:
+    return urlsplit(url).netloc == urlsplit(other).netloc

@@ -83,7 +83,7 @@ def take_screenshot(
             if not rows:
                 continue
             strip = tile.crop((0, end - (overlap or min(STRIP, rows)), width, end))
-            png.add(tile.crop((0, 0, width, rows)))
+            png.add_tile(tile.crop((0, 0, width, rows)))
             for key, piece in pieces.items():
                 left, upper, right, lower = crops[key]
                 if upper < top + rows and lower > top:
@@ -148,7 +148,7 @@ class PngWriter:
         self._write_chunk(b"IHDR", header)
         return self
 
-    def add(self, image: Any) -> None:
+    def add_tile(self, image: Any) -> None:
         """Append a Pillow RGB image. Raises Retryable when its width differs."""
         from PIL import Image, ImageChops
 

@@ -24,6 +24,7 @@ from kb.wiki.errors import Challenge, PageRefused, TransientStatus, turned_away
 from kb.wiki.parse import answers
 
 BATCH = 50
+LISTED = 500  # titles of a list in one answer
 # Parts of one answer, 500 entries each. A batch of pages that have more is halved.
 _CONTINUED = 500
 # Parts of a list, 500 titles each, beside those that the wiki's own count of pages explains: that
@@ -92,10 +93,10 @@ class WikiApi:
             "list": "allpages",
             "apnamespace": str(namespace),
             "apfilterredir": "nonredirects",
-            "aplimit": "500",
+            "aplimit": str(LISTED),
         }
         loop = self._loops.setdefault((number, namespace), _LoopDetector())
-        loop.check(going)
+        loop.refuse_loop(going)
         status, answer = self.ask({**params, **going})
         loop.note(going, answer["query"]["allpages"])
         return Answer("titles", self.endpoint, {**params, **going, "round": number}, answer, status)
@@ -132,11 +133,11 @@ class WikiApi:
         status, first = self.ask(params)
         answer, loop, merged, read = first, _LoopDetector(), _Merged(first), 1
         while going := answer.get("continue"):
-            loop.check(going)
+            loop.refuse_loop(going)
             check_length("the wiki's answer", read, _CONTINUED)
             status, answer = self.ask({**params, **going})
             loop.note(going)
-            merged.add(answer)
+            merged.merge(answer)
             read += 1
         first.pop("continue", None)
         return status, first
@@ -213,7 +214,7 @@ class _LoopDetector:
         self._seen: set[bytes] = set()
         self._last: Sequence[Any] = ()
 
-    def check(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
+    def refuse_loop(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
         """Raises Retryable for a step that was answered before, or with the same entries as the
         step before.
         """
@@ -222,8 +223,8 @@ class _LoopDetector:
             raise Retryable(f"the wiki's API loops: it continues again at {step}")
 
     def note(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
-        """Record an answered step. Raises as `check`."""
-        self.check(going, entries)
+        """Record an answered step. Raises as `refuse_loop`."""
+        self.refuse_loop(going, entries)
         self._seen.add(_step_key(going))
         self._last = entries
 
@@ -243,7 +244,7 @@ class _Merged:
         for page in self._pages:
             self._known[_key(page)] = page
 
-    def add(self, more: dict[str, Any]) -> None:
+    def merge(self, more: dict[str, Any]) -> None:
         """Merge another part. Raises Retryable when the whole has too many bytes."""
         for page in more.get("query", {}).get("pages", []):
             known = self._known.setdefault(_key(page), page)

@@ -25,7 +25,7 @@ from kb.core.context import Run
 from kb.core.errors import Postponed
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
-from kb.core.summary.plan import PlanPhase, plan, to_read
+from kb.core.summary.plan import NOTHING_NEW, PlanPhase, plan, to_read
 from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
 from kb.crawl.id_list import IdList
 from kb.crawl.job import work
@@ -42,7 +42,7 @@ from kb.wiki.browser import browser, chromium
 from kb.wiki.browser.browser import Pool
 from kb.wiki.capture import page
 from kb.wiki.crawl import discover, fetch, reduce
-from kb.wiki.crawl.client import BATCH, WikiApi, find_endpoint
+from kb.wiki.crawl.client import BATCH, LISTED, WikiApi, find_endpoint
 from kb.wiki.crawl.front_end import FrontEnd
 from kb.wiki.crawl.http_client import WikiHosts
 from kb.wiki.crawl.ids import read_titles
@@ -118,7 +118,7 @@ class WikiConnector(Connector):
     def identity(self) -> dict[str, str]:
         """The wiki's address. Raises MissingCredential, MissingExtra."""
         self._run.settings.need("kb_contact")
-        self._programs = chromium.find()
+        self._programs = chromium.find_programs()
         return {"wiki": self.url}
 
     def begin(self, opened: Opened) -> None:
@@ -342,6 +342,8 @@ PAGES = 7_000
 IMAGES_A_PAGE = 3
 MB_A_PAGE = 0.7
 SECONDS_A_PAGE = 3  # that a browser takes
+# Of a new round: robots.txt, the front page and what it names, the wiki's description twice.
+REQUESTS_A_ROUND = 5
 
 
 def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
@@ -355,13 +357,17 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
             kinds = frontier.kinds()
             listed = bool((frontier.cursor("round") or {}).get("done"))
     assumed = [f"{SECONDS_A_PAGE} s a page in each of {run.workers} browsers"]
-    asked = to_read(kinds, "info")
+    asked, lists = to_read(kinds, "info"), 0
+    if run.again and listed and not titles and not asked:  # a new round, in which nothing is new
+        assumed.append(NOTHING_NEW)
+        asked = sum(kinds["pages"].values())
+        lists = REQUESTS_A_ROUND + max(len(section.namespaces), math.ceil(asked / LISTED), 1)
     if titles:
         asked = len(_named(run, titles).keys)
     if not titles and not listed and not kinds.get("info"):
         asked = PAGES
         assumed.append(f"{PAGES:,} pages, as the wiki's list was not read yet")
-    pages = asked + to_read(kinds, "pages")
+    pages = to_read(kinds, "pages") + (0 if lists else asked)
     done = kinds.get("pages", {}).get("done", 0)
     known_files = sum(kinds.get("files", {}).values())
     each = known_files / done if done else IMAGES_A_PAGE
@@ -374,7 +380,7 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     pause = 0.0 if is_loopback(run.settings.kb_wiki_url or section.url) else section.seconds_between
     if pause:
         assumed.append(f"{pause:g} s between requests, unless robots.txt asks for more")
-    calls = math.ceil(asked / BATCH)
+    calls = math.ceil(asked / BATCH) + lists
     seconds = max(pause, SECONDS_A_PAGE / run.workers)
     phases = [
         PlanPhase("titles", asked, requests=calls, hours=calls * pause / 3600),

@@ -191,7 +191,7 @@ def fetch_original(
     reason, value, undecided, refused = "", None, "", ""
     known = filter(None, (info.get("url"), *media_urls.sources(item.key, item.payload.src)))
     for url in dict.fromkeys(map(web.rebase_loopback, known)):
-        front.check()
+        front.raise_challenged()
         if not web.allowed(url):
             reason, value = "robots", url
             continue
@@ -422,12 +422,10 @@ def wanted_files(
     source.
     """
     files: dict[str, dict[str, Any]] = {}
-    page = media_urls.original(extraction["page"]["url"])
     for element in extraction["elements"]:
         for image in element.get("frames") or [element]:
             key = media_urls.file_key(image)
-            # An address that is the page's own, as of src="#", is no image.
-            if key and key != page and key not in files:
+            if key and key not in files:
                 src = image["src"]
                 title = media_urls.file_title(src, image.get("file"), file_names)
                 files[key] = {

@@ -29,7 +29,7 @@ class FrontEnd:
         self._first, self._comparing = threading.Lock(), threading.Lock()
         self._error: Challenged | None = None
 
-    def check(self) -> None:
+    def raise_challenged(self) -> None:
         """Raises Challenged when the crawl was turned away."""
         if self._error is not None:
             raise self._error
@@ -37,10 +37,10 @@ class FrontEnd:
     @contextlib.contextmanager
     def page(self) -> Iterator[None]:
         """Around a page. Until one is shown they are asked for one by one, so that few are where
-        all are refused. Raises as `check`.
+        all are refused. Raises as `raise_challenged`.
         """
         with contextlib.nullcontext() if self._serves else self._first:
-            self.check()
+            self.raise_challenged()
             yield
 
     def shown(self) -> None:
@@ -52,7 +52,7 @@ class FrontEnd:
         them is answered.
         """
         with self._comparing:
-            self.check()
+            self.raise_challenged()
             refused = False
             for probe, answered_before in others:
                 try:

@@ -70,7 +70,7 @@ def read_titles(
         below = tuple(f"{root.rstrip('/')}/" for root in roots)
         if not any(str(entry.value).startswith(below) for entry in rules.entries(path)):
             rules = _rules("--titles", spaces, ("title",))
-    return rules.read_some(path, say)
+    return rules.some_ids_in(path, say)
 
 
 def _title(

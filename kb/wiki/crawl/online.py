@@ -103,7 +103,7 @@ def count_matches(markup: Markup, pages: Iterable[str]) -> dict[str, int | None]
     asked = [[selector, named.get(_INSIDE.get(key, ""))] for key, selector in named.items()]
     with contextlib.ExitStack() as stack:
         browser = Browser(
-            chromium.find(),
+            chromium.find_programs(),
             hosts=(),
             origins=(),
             user_agent="lorecrawl",
@@ -112,8 +112,8 @@ def count_matches(markup: Markup, pages: Iterable[str]) -> dict[str, int | None]
         )
         stack.callback(browser.end)
         counts = [browser.script(_COUNT, html, asked) for html in pages]
-    each = zip(*counts, strict=True) if counts else [(0,)] * len(asked)
+    counted = zip(*counts, strict=True) if counts else [(0,)] * len(asked)
     return {
         f"wiki.markup.{key}": None if None in matches else sum(matches)
-        for key, matches in zip(named, each, strict=True)
+        for key, matches in zip(named, counted, strict=True)
     }

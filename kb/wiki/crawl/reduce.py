@@ -126,7 +126,9 @@ def add_lists(frontier: Frontier, number: int) -> None:
     """Add the lists of a round once its namespaces are known."""
     known = frontier.cursor(SITE + str(number))
     if known is not None:
-        lists = ((f"{number}:{each}", List(number, each)) for each in known["namespaces"])
+        lists = (
+            (f"{number}:{namespace}", List(number, namespace)) for namespace in known["namespaces"]
+        )
         frontier.add("titles", lists)
         _compare_when_listed(frontier, number)
 

@@ -149,7 +149,9 @@ def file_names(root: Path) -> list[str]:
         space = query.get("namespaces", {}).get("6", {})
         names |= {str(space[name]) for name in ("name", "canonical") if space.get(name)}
         aliases = query.get("namespacealiases", [])
-        names |= {str(one["alias"]) for one in aliases if one.get("id") == 6 and one.get("alias")}
+        names |= {
+            str(alias["alias"]) for alias in aliases if alias.get("id") == 6 and alias.get("alias")
+        }
     return sorted(names)
 
 
@@ -160,14 +162,16 @@ def _site(root: Path) -> tuple[dict[int, str], str]:
     for envelope in rawlog.read(root, "wiki", "site"):
         query = (envelope.response or {}).get("query") or {}
         front = query.get("general", {}).get("mainpage", front)
-        spaces |= {one["id"]: one.get("name", "") for one in query.get("namespaces", {}).values()}
+        spaces |= {
+            space["id"]: space.get("name", "") for space in query.get("namespaces", {}).values()
+        }
     return spaces, front
 
 
 def _names(page: dict[str, Any], spaces: dict[int, str], removed: Collection[str]) -> PageNames:
     prefix = f"{spaces.get(page.get('ns', 0), '')}:"
     redirects, categories = (
-        sorted(one["title"] for one in page.get(name, []) if "title" in one)
+        sorted(named["title"] for named in page.get(name, []) if "title" in named)
         for name in ("redirects", "categories")
     )
     return PageNames(

@@ -50,8 +50,8 @@ def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -
     Fields that say nothing are left out.
     """
     rows: list[Row] = []
-    for one in entries:
-        field, value = one["field"].strip(), one["value"].strip()
+    for entry in entries:
+        field, value = entry["field"].strip(), entry["value"].strip()
         field, value = field.rstrip(":：").rstrip(), value.lstrip(":：").lstrip()
         if not field or not value:
             continue
@@ -60,12 +60,12 @@ def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -
             {
                 "page_id": page["page_id"],
                 "fact_id": len(rows),
-                "subject": (one["subject"] or "").strip() or page["title"],
+                "subject": (entry["subject"] or "").strip() or page["title"],
                 "field": field,
                 "value": value,
                 "unit": unit,
-                "element_id": one["element"],
-                "visible": one["visible"],
+                "element_id": entry["element"],
+                "visible": entry["visible"],
                 "revision_id": page["revision_id"],
             }
         )
@@ -106,20 +106,20 @@ def recipes(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules)
         {
             "page_id": page["page_id"],
             "recipe_id": number,
-            "slot": slot,
-            "role": "output" if one["output"] else "input",
-            "row_index": one["row"],
-            "column_index": one["column"],
-            "alternative": place,
+            "slot": place,
+            "role": "output" if slot["output"] else "input",
+            "row_index": slot["row"],
+            "column_index": slot["column"],
+            "alternative": turn,
             "item": item_name(item, rules.item),
             "quantity": quantity(item),
-            "element_id": one["element"],
-            "visible": one["visible"],
+            "element_id": slot["element"],
+            "visible": slot["visible"],
             "revision_id": page["revision_id"],
         }
         for number, recipe in enumerate(entries)
-        for slot, one in enumerate(recipe["slots"])
-        for place, item in enumerate(one["items"])
+        for place, slot in enumerate(recipe["slots"])
+        for turn, item in enumerate(slot["items"])
     ]
 
 

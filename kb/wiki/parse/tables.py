@@ -66,8 +66,10 @@ def read_pages(
     pages = rows["wiki/pages"]
     files = {row["key"]: row for row in rows["files"].to_pylist() if row["path"] is not None}
     parts = {name: [table(name).arrow().empty_table()] for name in PARTS}
-    measured = [one for one in table("wiki/pages").columns if one.source.kind == "extraction"]
-    names = ("screenshot_path", *(one.name for one in measured), "word_count", "text")
+    measured = [
+        figure for figure in table("wiki/pages").columns if figure.source.kind == "extraction"
+    ]
+    names = ("screenshot_path", *(figure.name for figure in measured), "word_count", "text")
     columns: dict[str, list[Any]] = {name: [] for name in names}
     for page in pages.select(["page_id", "folder", "title", "revision_id"]).to_pylist():
         values: Row = {}
@@ -76,11 +78,11 @@ def read_pages(
             text = page_text(seen["elements"])
             values = {"text": text, "word_count": len(text.split())}
             values["screenshot_path"] = f"{page['folder']}/screenshot.png"
-            for one in measured:
+            for figure in measured:
                 # Sizes may be stored as 1280.0, which Arrow rejects as an integer.
-                kind = float if one.type.startswith("float") else int
-                value = seen["page"].get(one.source.path.removeprefix("page."))
-                values[one.name] = value if value is None else kind(value)
+                kind = float if figure.type.startswith("float") else int
+                value = seen["page"].get(figure.source.path.removeprefix("page."))
+                values[figure.name] = value if value is None else kind(value)
             for name, part in _parts(page, seen, files, rules) if follows else ():
                 parts[name].append(part)
         for name, column in columns.items():
@@ -111,7 +113,7 @@ def _parts(
 
 def figures(clean: Path) -> dict[str, int]:
     """For the summary of a filter: rows of kept pages' infoboxes that could not be read."""
-    parts = (parquet.read_table(one, ["unread_facts"]) for one in parquet_files(clean / "pages"))
+    parts = (parquet.read_table(path, ["unread_facts"]) for path in parquet_files(clean / "pages"))
     return {"unread_facts": sum(pc.sum(part["unread_facts"]).as_py() or 0 for part in parts)}
 
 

@@ -274,7 +274,7 @@ class YouTubeConnector(Connector):
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
         self.chosen = _chosen(self.phases, only, ids)
-        self._known = RULES.read_some(ids, run.progress.say) if ids else None
+        self._known = RULES.some_ids_in(ids, run.progress.say) if ids else None
         self._wanted, self._mine, self._part = wanted, share(part), list(part or ())
         self.counts: Counter[str] = Counter()
         self.theirs: set[str] = set()

@@ -202,6 +202,8 @@ def assemble(
         latest.get("ytdlp_info"),
         language,
     )
+    if outcomes is not None and videos is not None:
+        outcomes = tracks.without_dubs(outcomes, videos, language)
     transcripts = _with_own(
         _usable(outcomes, words),
         tracks.own(latest.get("own_transcripts") if own != "ignore" else None, language),

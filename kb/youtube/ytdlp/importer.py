@@ -21,6 +21,7 @@ from kb.core.regular_file import open_regular
 from kb.core.summary import Summary
 from kb.crawl.file_identity import file_stamp
 from kb.crawl.file_text import text_of
+from kb.crawl.job import remember_import
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
 from kb.store.damage import SMALL
@@ -72,6 +73,9 @@ def import_folders(
         work = _Import(run, session)
         try:
             work.read(folders, own_transcripts)
+            for kind, read in ((RAW_PLAYLISTS, folders), (RAW_OWN, own_transcripts)):
+                if read:
+                    session.frontier.forget_lost(kind)
         except KbError as error:
             error.summary = work.summary()
             raise
@@ -84,6 +88,7 @@ def import_folders(
             )
             nothing.summary = work.summary()
             raise nothing
+        remember_import(session.frontier, folders=folders, own_transcripts=own_transcripts)
         return work.summary()
 
 

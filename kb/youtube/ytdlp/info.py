@@ -136,6 +136,12 @@ def entries_below(folder: Path, left_out: Collection[Path] = ()) -> Iterator[os.
         yield from others
 
 
+def holds_info(path: Path) -> bool:
+    """Whether this is a file that yt-dlp wrote, or a folder with one."""
+    names = (entry.name for entry in entries_below(path)) if path.is_dir() else [path.name]
+    return any(name.endswith(INFO) or subtitle_name(name) is not None for name in names)
+
+
 LIVE_CHAT = "live_chat"  # yt-dlp lists it among the subtitles
 # https://developers.google.com/youtube/v3/docs/videoCategories/list; yt-dlp gives names alone.
 _CATEGORIES = {

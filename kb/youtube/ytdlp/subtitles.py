@@ -252,9 +252,10 @@ def _ms(groups: tuple[str | None, ...]) -> int:
 def _without_repetition(cues: list[_Shown], timed: bool) -> list[_Line]:
     """Each line once: from the cue that shows it first to the end of the last that still does.
 
-    In a track without word times people may say a line twice: there only what a cue of 10 ms
-    repeats counts as shown on, the first row of the cue right behind such a one, and what is shown
-    again with another word underlined.
+    In a track with word times what is said has them, so that a first row without is a repetition,
+    however long nothing was shown before. Without word times people may say a line twice: there
+    only what a cue of 10 ms repeats counts as shown on, the first row of the cue right behind such
+    a one, and what is shown again with another word underlined.
     """
     lines: list[_Line] = []
     shown, until, after_brief, underlined = [""], -1, False, False
@@ -266,10 +267,12 @@ def _without_repetition(cues: list[_Shown], timed: bool) -> list[_Line]:
         underlined = any(row.underlined for row in rows) or (underlined and texts == shown)
         is_rolling = timed or brief or underlined or (after_brief and len(rows) > 1)
         after_brief = False
-        if lines and start <= until and not rows[0].timed and is_rolling:
+        follows = start <= until
+        if lines and (follows or timed) and not rows[0].timed and is_rolling:
             same = texts == shown and not any(row.timed for row in rows)
             if same or texts[0] == shown[-1]:
-                lines[-1] = lines[-1]._replace(end=end)
+                if follows:
+                    lines[-1] = lines[-1]._replace(end=end)
                 new = [] if same else rows[1:]
                 after_brief = brief
         if new:

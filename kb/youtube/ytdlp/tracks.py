@@ -19,7 +19,7 @@ from kb.schema.coerce import in_lists, json_type, read_json, records
 from kb.schema.decode import ColumnReader, in_batches, problems
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
-from kb.store.tables.columns import aligned, newest, put
+from kb.store.tables.columns import aligned, column, newest, put
 from kb.youtube.ytdlp import subtitles
 
 ORIGINAL = "-orig"
@@ -67,10 +67,11 @@ class TrackKind(NamedTuple):
 
 
 class ListedTracks(NamedTuple):
-    """The tracks that an info.json lists."""
+    """The tracks that an info.json lists, and the language that is spoken, where it names one."""
 
     manual: frozenset[str] = frozenset()
     automatic: frozenset[str] = frozenset()
+    spoken: str | None = None
 
     @property
     def heard(self) -> frozenset[str]:
@@ -78,12 +79,51 @@ class ListedTracks(NamedTuple):
         marked = (name for name in self.automatic if name.endswith(ORIGINAL))
         return frozenset(name.removesuffix(ORIGINAL) for name in marked)
 
+    @property
+    def heard_in_original(self) -> frozenset[str]:
+        """The same without dubs."""
+        return frozenset(name for name in self.heard if self.dubbed_from(name) is None)
+
+    def dubbed_from(self, language: str) -> str | None:
+        """The spoken language, if what recognition heard in `language` was a dub; else None.
+
+        Where no spoken language is named and several were heard, nobody knows which one is the
+        original: each counts as a dub of another one.
+        """
+        if self.spoken and _names_language(self.spoken):
+            return None if is_same_language(self.spoken, language) else self.spoken
+        others = (name for name in self.heard if not is_same_language(name, language))
+        return min(others, default=None)
+
+
+def is_same_language(name: str, other: str) -> bool:
+    """Whether two tracks are in one language, whatever their regions."""
+    first, second = (language_of(track).partition("-")[0] for track in (name, other))
+    return first == second
+
+
+def _names_language(code: str) -> bool:
+    """False for ISO 639's codes of no, several or an unknown language."""
+    return code.partition("-")[0] not in ("mis", "mul", "und", "zxx")
+
+
+def dubbed_from(language: str | None, spoken: str | None) -> str | None:
+    """The same for a track and a spoken language of which either may be unknown."""
+    return ListedTracks(spoken=spoken).dubbed_from(language) if language and spoken else None
+
 
 def kind_of(name: str, timed: bool, listed: ListedTracks | None) -> TrackKind:
     """What the track `name` is; `timed`: it has the times of words."""
+    known = listed or ListedTracks()
+    kind = _kind_by_name(name, timed, known)
+    original = known.dubbed_from(kind.language) if kind.kind == "asr" else None
+    return TrackKind("translated", original, "asr") if original else kind
+
+
+def _kind_by_name(name: str, timed: bool, known: ListedTracks) -> TrackKind:
+    """The same, where nothing is dubbed."""
     if name.endswith(ORIGINAL):
         return TrackKind("asr", name.removesuffix(ORIGINAL), "asr")
-    known = listed or ListedTracks()
     # Where both lists have it, yt-dlp writes the automatic one if it was asked for no other.
     if name in known.manual and not (timed and name in known.automatic):
         return TrackKind("manual", name, "manual")
@@ -92,7 +132,7 @@ def kind_of(name: str, timed: bool, listed: ListedTracks | None) -> TrackKind:
             if name.endswith(f"-{manual}"):
                 return TrackKind("translated", manual, "manual")
         if known.heard:
-            return TrackKind("translated", min(known.heard), "asr")
+            return TrackKind("translated", min(known.heard_in_original or known.heard), "asr")
     if timed or name in known.automatic:
         return TrackKind("asr", name, "asr")
     # Regions are written in capitals ("en-GB"); "en-de" is yt-dlp's name of a translation.
@@ -145,7 +185,7 @@ def with_imported(
     listed = _listed(files)
     outcomes: list[_Found] = []
     for video, tracks in listed.items():  # without any track: older than all else that is known
-        names = tracks.manual | (tracks.automatic if wanted.translate else tracks.heard)
+        names = tracks.manual | (tracks.automatic if wanted.translate else tracks.heard_in_original)
         if not any(map(wanted.spoken, names)):
             outcomes.append((video, "none", None, None, None))
     if imported is not None:
@@ -165,6 +205,38 @@ def with_imported(
     for name in FACTS:
         best = put(best, name, pc.coalesce(best[name], page[name]))
     return best
+
+
+def without_dubs(outcomes: pa.Table, videos: pa.Table, wanted: TrackLanguage) -> pa.Table:
+    """The outcomes, in which a track that recognition heard in another language than the video's
+    is `translated`, from `asr` of the spoken language: it heard a dub that a machine made. Without
+    translations such a video has no transcript.
+    """
+    side = aligned(
+        videos.select(["video_id", "default_audio_language"]),
+        "video_id",
+        column(outcomes, "video_id"),
+    )
+    spoken = column(side, "default_audio_language").to_pylist()
+    kinds, languages = (column(outcomes, name).to_pylist() for name in ("kind", "language"))
+    originals = [
+        dubbed_from(language, own) if kind == "asr" else None
+        for kind, language, own in zip(kinds, languages, spoken, strict=True)
+    ]
+    dubbed = pa.array([original is not None for original in originals])
+    if not pc.any(dubbed).as_py():
+        return outcomes
+    if not wanted.translate:
+        none = pc.if_else(dubbed, "none", column(outcomes, "outcome"))
+        return put(outcomes, "outcome", none)
+    for name, values in (
+        ("kind", "translated"),
+        ("original_kind", "asr"),
+        ("language", pa.array(originals, pa.string())),
+    ):
+        given = column(outcomes, name).cast(pa.string())
+        outcomes = put(outcomes, name, pc.if_else(dubbed, values, given))
+    return outcomes
 
 
 _Found = tuple[str, str, "TrackKind | None", str | None, Any]
@@ -207,11 +279,12 @@ def _listed(files: pa.Table | None) -> dict[str, ListedTracks]:
         return {}
     files = files.filter(pc.fill_null(files["lists_tracks"], False))
     columns = (
-        files[name].to_pylist() for name in ("video_id", "manual_tracks", "automatic_tracks")
+        files[name].to_pylist()
+        for name in ("video_id", "manual_tracks", "automatic_tracks", "default_audio_language")
     )
     return {
-        video: ListedTracks(frozenset(manual), frozenset(automatic))
-        for video, manual, automatic in zip(*columns, strict=True)
+        video: ListedTracks(frozenset(manual), frozenset(automatic), spoken)
+        for video, manual, automatic, spoken in zip(*columns, strict=True)
     }
 
 

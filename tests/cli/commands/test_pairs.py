@@ -46,6 +46,16 @@ def test_pairs_from_the_shell(root: Path) -> None:
     )
     assert filled.returncode == 0, filled.stderr
     assert (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes() == whole
+    draw = ("pairs", "draw", "3", "--max-videos", "1", "--out", "there")
+    planned = processes.run(
+        [*draw, "--plan", "--data", str(root)],
+        env=clean_environment(),
+        cwd=root.parent,
+        timeout=120,
+    )
+    assert planned.returncode == 0, planned.stderr
+    assert "no pairs for validation and test: a channel" in planned.stderr
+    assert not (root.parent / "there").exists()
     wrong = kb(root, "pairs", "--from-index", "x.parquet", "--format", "minedojo")
     assert wrong.returncode == 2
 
@@ -81,7 +91,7 @@ def test_an_index_without_transcripts_says_that_its_videos_come_first(
     assert empty.returncode == 1
     here = f"--data {tmp_path / 'data'}"
     assert f"run `kb youtube crawl --ids {index} {here}`, then `kb youtube filter" in empty.stderr
-    listed = RULES.read(index)  # and a crawl takes what is advised
+    listed = RULES.ids_in(index)  # and a crawl takes what is advised
     assert listed.keys
     assert listed.bad_lines == 0
 

@@ -289,28 +289,3 @@ def test_dumps_of_one_name_size_and_time_are_told_apart_by_their_content(tmp_pat
         assert import_dumps(both, [first, second, copy])["crawled"] == crawled
         assert (shown := capsys.readouterr().err).count("same dump as") == 1
     assert "compare" not in shown
-
-
-@pytest.mark.parametrize("moved", [False, True])
-def test_what_an_earlier_version_imported_is_not_imported_again(tmp_path, moved):
-    """Its notes have samples alone: these are all of a small dump, wherever it lies; a large one is
-    known where it lay.
-    """
-    large = noise(tmp_path / "a" / "dump.ndjson")
-    small = write(tmp_path / "a" / "RS.zst", DAYS)
-    root = tmp_path / "data"
-    import_dumps(run_in(root), [small, large])
-    for dump in (small, large):
-        name = note_name(dump, 0.0, float("inf"))
-        note = cursor.find_cursor(root, name)
-        note.size, note.samples, note.sha256, note.changed = 0, "", "", dump.stat().st_mtime_ns
-        old = known_dumps.sampled_name(dump, 0.0, float("inf"))
-        cursor.rename_cursor(root, name, old, note)
-    if moved:
-        shutil.move(tmp_path / "a", tmp_path / "b")
-        small, large = tmp_path / "b" / "RS.zst", tmp_path / "b" / "dump.ndjson"
-    before = sorted(rawlog.folder(root, "reddit", "dumps").iterdir())
-    for _ in range(2):
-        assert import_dumps(run_in(root), [small])["crawled"] == 0
-    assert import_dumps(run_in(root), [large])["crawled"] == (1_300 if moved else 0)
-    assert sorted(rawlog.folder(root, "reddit", "dumps").iterdir()) == before

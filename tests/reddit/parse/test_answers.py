@@ -149,7 +149,7 @@ def test_what_came_is_not_missing() -> None:
     [
         ("body", None, "body", "absent"),
         ("body", 5, "body", "malformed"),
-        ("parent_id", "5", "parent_id", "malformed"),
+        ("parent_id", "c5", "parent_id", "malformed"),
         ("parent_id", "LEFT OUT", "parent_id", "absent"),
         ("score", "many", "score", "malformed"),
         ("score", 2**70, "score", "malformed"),

@@ -55,7 +55,7 @@ COMMENTS = [
         comment("c_lost", link_id="t3_nowhere", parent_id="t3_nowhere"),
         ("post", "absent", None, None),
     ),
-    (comment("c_orphan", parent_id="17"), ("missing", "malformed", "17", None)),
+    (comment("c_orphan", parent_id="1.7"), ("missing", "malformed", "1.7", None)),
     (comment("c_root", parent_id="LEFT OUT"), ("missing", "absent", None, None)),
 ]
 

@@ -20,7 +20,7 @@ from kb.schema import table
 from tests import processes
 from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
-from tests.reddit.work import Work, rows, texts
+from tests.reddit.work import LATER, Work, rows, texts
 
 COMPARED = ("author_hash", "score_source", "fetched_at")
 
@@ -292,7 +292,9 @@ def test_ids_may_be_given_several_times(whole: Work, far: Work) -> None:
     assert is_whole(whole, far)
 
 
-def test_what_is_removed_later_leaves_and_what_comes_back_is_not_missing(work: Work) -> None:
+def test_what_is_removed_later_leaves_and_what_comes_back_is_not_missing(
+    work: Work, monkeypatch: pytest.MonkeyPatch
+) -> None:
     posts = [key for key, row in work.world.posts.items() if row.get("score")][:4]
     ids, other = work.place / "ids.txt", work.place / "other.txt"
     ids.write_text("\n".join(f"t3_{key}" for key in posts))
@@ -309,6 +311,7 @@ def test_what_is_removed_later_leaves_and_what_comes_back_is_not_missing(work: W
     }
     assert {row["post_id"] for row in rows(work.place / "out" / "posts")} == set(posts[2:])
     work.world.gone.clear()
+    monkeypatch.setenv("KB_NOW", LATER)
     work.rebuild(other, again=True)
     assert missing(work) == {f"t3_{posts[0]}": "removed"}
     assert len(rows(work.place / "out" / "posts")) == 3

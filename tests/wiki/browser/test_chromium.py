@@ -70,7 +70,7 @@ from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
 from kb.wiki.browser.browser import Pool
 
-pool = Pool(lambda: Browser(chromium.find(), hosts=[], origins=[],
+pool = Pool(lambda: Browser(chromium.find_programs(), hosts=[], origins=[],
     user_agent="lorecrawl/test (+test@example.org)", viewport=(400, 300), page_seconds=60), 60)
 started = []
 thread = threading.Thread(target=lambda: started.append(pool._new()))

@@ -314,14 +314,14 @@ def test_the_last_response_of_each_url_counts() -> None:
     log.sent("2", IMAGE)
     log.received(IMAGE, 503, **{"Retry-After": "7"})
     log.failed("2")
-    traffic.read()
+    traffic.take_in()
     assert traffic.served[PAGE].status == 200
     assert not traffic.served[PAGE].may_come_back
     assert (traffic.served[IMAGE].status, traffic.served[IMAGE].after) == (503, 7.0)
     assert traffic.served[IMAGE].may_come_back
     assert not traffic.cut_off
     log.received(IMAGE, 404)
-    traffic.read()
+    traffic.take_in()
     assert not traffic.served[IMAGE].may_come_back
 
 
@@ -333,7 +333,7 @@ def test_requests_that_fail_and_requests_that_the_browser_blocks() -> None:
     log.failed("1")
     log.sent("2", IMAGE)
     log.failed("2", blockedReason="inspector")
-    traffic.read()
+    traffic.take_in()
     assert traffic.cut_off
     assert traffic.served[PAGE].may_come_back
     assert traffic.served[IMAGE].barred

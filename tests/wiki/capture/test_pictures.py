@@ -46,6 +46,18 @@ def test_a_picture_that_waits_is_loaded(pages, look):
     assert [file["key"] for file in wanted_files(extraction)] == addresses
 
 
+def test_a_picture_without_an_address_is_no_picture(pages, look):
+    addresses = ("src=''", "src=' '", "src='#'", "src='?'", "", "srcset=''", "src='' alt=Kiln")
+    body = "".join(f"<p>Kiln <img {address}></p>" for address in addresses)
+    body += "<img src='/none.png' alt=Ore>"
+    url = pages.put("/shown/nowhere", f"<!DOCTYPE html><body><div id=content>{body}</div>")
+    extraction = look(url).extraction
+    assert [e["src"] for e in extraction["elements"] if e["kind"] == "image"] == [
+        f"{pages.url}/none.png"
+    ]
+    assert [file["key"] for file in wanted_files(extraction)] == [f"{pages.url}/none.png"]
+
+
 def test_videos_and_their_posters(pages, look):
     pages.put("/real.png", png(), "image/png")
     body = """<div id=content><figure><video poster="/real.png" width=80 height=60>

@@ -26,7 +26,7 @@ def test_tiles_are_joined(tall_image, tmp_path, mode, cuts):
     with PngWriter(tmp_path / "a.png", 40, 3_000) as png:
         for top, end in zip(cuts, (*cuts[1:], 3_000), strict=True):
             tile = tall_image.crop((0, top, 40, end))
-            png.add(decode_tile(encode_png(tile.convert(mode)), 40, tile.height))
+            png.add_tile(decode_tile(encode_png(tile.convert(mode)), 40, tile.height))
     with Image.open(tmp_path / "a.png") as image:
         assert image.tobytes() == tall_image.tobytes()
 
@@ -37,7 +37,7 @@ def test_an_image_of_another_size_is_refused(tmp_path, size):
         pytest.raises(Retryable, match="screenshot_size"),
         PngWriter(tmp_path / "x.png", 4, 9) as png,
     ):
-        png.add(Image.new("RGB", size))
+        png.add_tile(Image.new("RGB", size))
 
 
 def test_a_damaged_tile_is_captured_again(tall_image):

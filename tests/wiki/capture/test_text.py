@@ -150,6 +150,13 @@ CHARACTERS = [
     ("&#x1F468;&zwj;&#x1F469;", "\U0001f468\u200d\U0001f469"),
     ("in 10<sup>6</sup> years, 10<sup>−3</sup> m", "in 10^6 years, 10^−3 m"),
     ("the 1<sup>st</sup> kiln<sup class=reference>[2]</sup>.", "the 1st kiln."),
+    ("kiln<sup class=note><a href='#cite_note-2'>[2]</a></sup>, pot", "kiln, pot"),
+    ("jug<sup><i><a href='/wiki/Jug#cite_note-a-1'>a</a></i></sup>", "jug"),
+    (
+        "bowl<a href='#cite_note-3'><sup>3</sup></a> cup<sup><a href='#Notes'>b</a></sup>",
+        "bowl cupb",
+    ),
+    ("<a href='#cite_note-3'>the third note</a>", "the third note"),
     ("<ruby>漢<rp>(</rp><rt>kan</rt><rp>)</rp></ruby>", "漢kan"),
     ("is <math><mi>x</mi><mo>+</mo><mn>1</mn></math> now", "is x+1 now"),
     ("one<span style='display:block'>two</span>three", "one\ntwo\nthree"),

@@ -363,7 +363,7 @@ def test_page_that_hangs_is_tried_as_often_as_asked_and_recorded(
 ):
     names = tmp_path / "titles.txt"
     names.write_text("Charts\nSaltstone\n")
-    # It waits for good, and takes no core until it is ended (loops: tests/wiki/test_hostile.py).
+    # It waits for good, and takes no core until it is ended.
     waits = 'const asked = new XMLHttpRequest(); asked.open("GET", "/held", false); asked.send();'
     faults.add("/held", hold=True, times=None, then=lambda seen: hanging.release())
     faults.add(

@@ -122,6 +122,46 @@ BOXES = {
             ("The page", "Wide", "3"),
         ],
     ),
+    "a bold title before what has names of its own": (
+        """<div class=infobox><b>Kiln</b><dl><dt>Hue</dt><dd>red</dd></dl></div>
+        <div class=infobox><strong>Pot</strong><img src=/none.png alt=Jug><section><h3>Shape:</h3>
+        <dl><div><dt><b>Wide</b> :</dt><dd>3 m</dd></div></dl></section></div>
+        <div class=infobox><b>Oven</b><div><span class=label>Fuel</span> <i>wood</i></div>
+        <p><b>Heat</b>: 700</p></div>
+        <aside class=infobox><b>Shelf</b><ul><li>upper</li><li>lower</li></ul></aside>
+        <div class=infobox><div><b>Clay</b><p>It is dug by the river.</p></div></div>""",
+        [
+            ("The page", "Hue", "red"),
+            ("The page", "Wide", "3"),
+            ("The page", "Fuel", "wood"),
+            ("The page", "Heat", "700"),
+        ],
+    ),
+    "a list within a value": (
+        """<div class=infobox><b>Held</b>: yes<dl><dt>Size:</dt><dd>large<dl><dt>Wide</dt>
+        <dd>3 m</dd><dt>Tall</dt><dd>4 m</dd></dl></dd></dl><b>By</b>: hand</div>""",
+        [
+            ("The page", "Held", "yes"),
+            ("The page", "By", "hand"),
+            ("The page", "Size", "large"),
+            ("The page", "Size › Wide", "3"),
+            ("The page", "Size › Tall", "4"),
+        ],
+    ),
+    "colons behind names": (
+        """<div class=infobox><div><b>Wide</b>:</div><div>3 m</div>
+        <p><b>Tall</b>： 4 m<br><b>Deep :</b>&nbsp;: 5 m<br><b>Hue</b><span>:</span> red</p></div>
+        <table class=infobox><tr><th colspan=3>Firing:</th></tr><tr><th rowspan=2>Time :</th>
+        <th>First:</th><td>: 7</td></tr><tr><th>Second：</th><td>9</td></tr></table>""",
+        [
+            ("The page", "Wide", "3"),
+            ("The page", "Tall", "4"),
+            ("The page", "Deep", "5"),
+            ("The page", "Hue", "red"),
+            ("Firing", "Time › First", "7"),
+            ("Firing", "Time › Second", "9"),
+        ],
+    ),
     "tabs": (
         """<aside class=portable-infobox><section class="pi-panel wds-tabber">
         <ul class=wds-tabs><li class=wds-tabs__tab>Old</li><li class=wds-tabs__tab>New</li></ul>

@@ -57,12 +57,12 @@ def test_ids_of_a_release_s_folder(tmp_path: Path, make_rows) -> None:
     folder = tmp_path / "release"
     folder.mkdir()
     with pytest.raises(SettingError, match="contains no released videos or pairs"):
-        RULES.read(folder)
+        RULES.ids_in(folder)
     for number, key in enumerate(("aaaaaaaaaaa", "bbbbbbbbbbb")):
         rows = make_rows("youtube/videos", 1, released=True, video_id=[key])
         pq.write_table(rows, folder / f"videos-0000{number}-of-00002.parquet")
     pq.write_table(pa.table({"video_id": ["ccccccccccc"]}), folder / "sample-videos.parquet")
-    assert RULES.read(folder)[::2] == (["aaaaaaaaaaa", "bbbbbbbbbbb"], 0)
+    assert RULES.ids_in(folder)[::2] == (["aaaaaaaaaaa", "bbbbbbbbbbb"], 0)
 
 
 def test_known_ids_skip_discovery(job: Job) -> None:

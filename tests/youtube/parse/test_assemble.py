@@ -16,6 +16,7 @@ from kb.youtube.card import gaps
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.assemble import assemble, one_row_each, second_tracks, with_tracks
 from kb.youtube.parse.view_counting import view_rule
+from kb.youtube.ytdlp.tracks import TrackLanguage, without_dubs
 from tests.filters.made import cues
 from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
@@ -151,6 +152,37 @@ def track(kind: str, *rows: list[object]) -> dict[str, object]:
         "youtube/transcripts"
     ].to_pylist()
     return row
+
+
+@pytest.mark.parametrize(
+    ("kind", "spoken", "translate", "expected"),
+    [
+        ("asr", "sv", True, ("ok", "translated", "sv", "asr")),
+        ("asr", "sv", False, ("none", "asr", "en", "asr")),
+        ("asr", "en-GB", True, ("ok", "asr", "en", "asr")),
+        ("asr", "zxx", True, ("ok", "asr", "en", "asr")),
+        ("asr", None, True, ("ok", "asr", "en", "asr")),
+        ("manual", "sv", False, ("ok", "manual", "en", "manual")),
+    ],
+)
+def test_what_a_crawl_heard_in_another_language_than_the_spoken_one_is_a_translation(
+    kind: str, spoken: str | None, translate: bool, expected: tuple[str, str, str, str]
+) -> None:
+    videos = answers(video(MONDAY)).append_column(
+        "default_audio_language", pa.array([spoken], pa.string())
+    )
+    outcomes = pa.table(
+        {
+            "video_id": ["a"],
+            "outcome": ["ok"],
+            "kind": [kind],
+            "language": ["en"],
+            "original_kind": ["manual" if kind == "manual" else "asr"],
+        }
+    )
+    (row,) = without_dubs(outcomes, videos, TrackLanguage("en", translate)).to_pylist()
+    names = ("outcome", "kind", "language", "original_kind")
+    assert tuple(row[name] for name in names) == expected
 
 
 @pytest.mark.parametrize(

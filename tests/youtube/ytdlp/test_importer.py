@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from kb.store.rawlog import rawlog
 from kb.youtube.ytdlp.info import playlists
 from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, TrackLanguage, kind_of, language_of
 from tests.youtube.crawl.test_fetch import CRAWL
@@ -395,6 +396,27 @@ def test_what_a_track_is(
     assert kind_of(name, timed, listed) == TrackKind(*kind)
 
 
+@pytest.mark.parametrize(
+    ("name", "heard", "spoken", "kind"),
+    [
+        ("en-orig", "en-orig sv-orig", "sv", ("translated", "sv", "asr")),
+        ("en", "en-orig sv-orig", "sv", ("translated", "sv", "asr")),
+        ("en-US-orig", "en-US-orig", "pt-BR", ("translated", "pt-BR", "asr")),
+        ("sv-orig", "en-orig sv-orig", "sv", ("asr", "sv", "asr")),
+        ("en-orig", "en-orig", "en-GB", ("asr", "en", "asr")),
+        ("en-orig", "en-orig de-orig", None, ("translated", "de", "asr")),
+        ("iw-orig", "iw-orig", "he", ("asr", "iw", "asr")),
+        ("en-orig", "en-orig", "zxx", ("asr", "en", "asr")),
+    ],
+)
+def test_what_recognition_heard_in_a_dub_is_a_translation(
+    name: str, heard: str, spoken: str | None, kind: tuple[str, str, str]
+) -> None:
+    automatic = frozenset([*heard.split(), "en", "sv"])
+    listed = ListedTracks(frozenset(), automatic, spoken)
+    assert kind_of(name, True, listed) == TrackKind(*kind)
+
+
 def test_files_of_one_name_size_and_time_are_told_apart_by_their_content(job: Job) -> None:
     """Three videos in folders of their own, with subtitles that say the same and a playlist each;
     a copy of them is nothing new, wherever it lies.
@@ -443,3 +465,29 @@ def test_a_file_is_opened_again_where_its_answer_is_lost_or_the_file_another_one
     assert job.done("youtube", "import", str(folder))["crawled"] == 1
     assert job.done("youtube", "import", str(folder))["known_files"] == 1
     assert notes.stat().st_size == len(noted) + 24
+
+
+@pytest.mark.parametrize("kind", ["own_transcripts", "ytdlp_playlists"])
+def test_what_no_crawl_can_fetch_is_to_be_imported_again(job: Job, kind: str) -> None:
+    folder = job.place / "videos"
+    key = write_video(folder, 1, ())
+    (folder / f"{key}.json").write_text(json.dumps([{"start": 0, "end": 2, "text": "a torch"}]))
+    listed = {"_type": "playlist", "id": "PL1", "title": "Farms", "extractor_key": "YoutubeTab"}
+    playlist = {**listed, "entries": [info(key)]}
+    (folder / "Farms [PL1].info.json").write_text(json.dumps(playlist))
+    words = ("youtube", "import", str(folder), "--own-transcripts", str(folder))
+    job.done(*words)
+    before = job.raw(kind)
+    assert before
+    (segment,) = rawlog.segments(job.root, "youtube", kind)
+    segment.write_bytes(segment.read_bytes()[:-3] + b"\xff\xff\xff")
+    said = job.kb("verify", "--repair")
+    assert said.returncode == 1
+    (line,) = [line for line in said.stdout.splitlines() if "set aside as" in line]
+    assert f"{kind} {segment.name}" in line
+    assert "run `kb youtube import`" in line
+    assert "youtube crawl" not in line
+    assert "`kb youtube import`" in job.stopped("youtube", "filter", code=1)
+    job.done(*words)
+    assert job.raw(kind) == before
+    job.done("youtube", "filter")

@@ -144,6 +144,21 @@ def test_only_what_stands_in_a_cue_is_speech() -> None:
         ]
 
 
+@pytest.mark.parametrize("gap_s", [0, 1, 30])
+@pytest.mark.parametrize("brief", ["01.010", "01.900"])
+def test_a_repetition_without_word_times_is_none_whatever_the_gap(gap_s: int, brief: str) -> None:
+    again, then = 1 + gap_s, 2 + 2 * gap_s
+    text = (
+        "WEBVTT\n\n00:00:00.000 --> 00:00:01.000\n \nload<00:00:00.500><c> it</c>\n\n"
+        f"00:00:{again:02}.000 --> 00:00:{again:02}{brief[2:]}\nload it\n \n\n"
+        f"00:{then // 60:02}:{then % 60:02}.000 --> 00:{then // 60:02}:{then % 60:02}.900\n"
+        f"load it\nload<00:{then // 60:02}:{then % 60:02}.500><c> it</c>\n"
+    )
+    track = subtitles.read("vtt", text)
+    assert [cue.text for cue in track.cues] == ["load it", "load it"]
+    assert [cue.start_s for cue in track.cues] == [0, then]
+
+
 def test_a_line_that_is_said_twice_stays_beside_a_brief_cue() -> None:
     times = (("00.000", "01.000"), ("01.000", "01.010"), ("01.010", "02.000"), ("02.000", "03.000"))
     cues = "".join(f"00:{a} --> 00:{b}\nGo\n\n" for a, b in times)

@@ -27,7 +27,9 @@ class Pairs(RecipeSection):
     )
     include: Phrases = Field((), description="further phrases to match; their kind is `phrase`")
     exclude: Phrases = Field(
-        (), description="phrases that never match, including keywords inside them"
+        (),
+        description="phrases that never match, including keywords inside them; a slash stands"
+        " between words of which each may stand there (`bed/block wars`)",
     )
     near_words: int = Field(
         20,

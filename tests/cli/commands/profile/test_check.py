@@ -33,6 +33,8 @@ WARNINGS = [
     toml("[reddit]", "page_seconds = 8\n[reddit]", 8, "'wiki.page_seconds'", "settle_seconds"),
     toml("[release]", 'include = ["water"]\n[release]', 12, 'everyday word "water"', "near"),
     row("Water\tthing\n", "'Water' is an everyday word and has no rule", "near"),
+    row("苔\tplace\n", "'苔' also counts inside longer words", "two signs"),
+    row("石灯籠\tplace\tnear\n", "what stands between two spaces as one word", "always, or never"),
     row("Scree\tplace\t\tstone\n", "'stone' is an everyday word", "never"),
     row("Scree\tplace\ttopic\n", "'Scree' count only near other keywords", "youtube.game_ids"),
     row("saxifrage\tplace\n", "'saxifrage' is already on line 2", "the first counts"),

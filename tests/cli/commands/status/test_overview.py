@@ -118,3 +118,12 @@ def test_what_was_imported_waits_for_a_build_and_then_for_subtitles(tmp_path: Pa
     assert "1 pending (transcript): run `kb youtube crawl` or import transcripts" in text
     assert '`transcripts = "optional"` in [youtube] of the profile' in text
     assert text.splitlines()[-1] == "left: 1 pending"
+
+
+def test_each_source_with_raw_data_is_shown(kb: Any, root: Path) -> None:
+    for source, kind in {"youtube": "metadata", "wiki": "pages", "reddit": "dumps"}.items():
+        segment = root / "raw" / source / kind / "00000.ndjson.zst"
+        segment.parent.mkdir(parents=True)
+        segment.write_bytes(b"")
+        assert source in status(kb)["sources"]
+        assert f"{source}\n  raw data that no table is made of yet" in kb("status").stdout
