@@ -89,7 +89,7 @@ class LogFile(logging.handlers.RotatingFileHandler):
                 return
         if self.stream is not None:
             self.stream.close()
-            self.stream = None  # type: ignore[assignment]  # opened again by the next record
+            self.stream = None  # opened again by the next record
         self._path.parent.mkdir(parents=True, exist_ok=True)
 
     def handleError(self, record: logging.LogRecord) -> None:

@@ -70,7 +70,7 @@ def test_own_files_become_pairs_a_search_and_a_draw(tmp_path: Path) -> None:
     (tools / "kb").chmod(0o755)
     first, *rest = BLOCKS
     assert first.splitlines()[-1] == ". .venv/bin/activate"  # tests/package/test_setup.py
-    unreachable = {name: "http://127.0.0.1:9" for name in ("http_proxy", "https_proxy")}
+    unreachable = dict.fromkeys(("http_proxy", "https_proxy"), "http://127.0.0.1:9")
     done = subprocess.run(
         ["bash", "-e", "-c", "".join(rest)],
         cwd=tmp_path,

@@ -8,9 +8,9 @@ import pytest
 from cffconvert import Citation
 
 from kb import __version__
-from kb.cli import main
 from kb.core import installation
 from kb.core.config.profile import load_profile
+from kb.core.errors import NotReleasable
 from kb.pairs import keywords
 from kb.release.publish.publish import publish
 from tests.faults import Sandbox
@@ -101,10 +101,7 @@ def test_what_changed_since_the_release_before(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("lacking", ["contact", "creators", "licenses"])
 def test_a_release_and_publish_ask_for_licence_creator_and_contact(
-    lacking: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    lacking: str, tmp_path: Path
 ) -> None:
     root = build(tmp_path, sources=("pairs",), n=10)
     path = tmp_path / "mine.toml"
@@ -112,23 +109,19 @@ def test_a_release_and_publish_ask_for_licence_creator_and_contact(
     lines = [line for line in LINES.splitlines() if not line.startswith(lacking)]
     path.write_text(head + "\n".join(lines) + "\n")
     before = sorted(root.rglob("*"))
+    named = {"contact": "no contact", "creators": "no creator"}.get(lacking, "no licence of pairs")
     with Sandbox(services=["zenodo"]) as service:
-        for name, value in service.settings().items():
-            monkeypatch.setenv(name, value)
-        place = ["--data", str(root), "--profile", str(path)]
-        named = {"contact": "no contact", "creators": "no creator"}
-        for words in (["release"], ["release", "publish", "--to", "zenodo-sandbox"]):
-            with pytest.raises(SystemExit) as left:
-                main([*words, *place])
-            assert left.value.code == 2
-            assert named.get(lacking, "no licence of pairs") in capsys.readouterr().err
-        assert service.ledger.requests() == []
-        assert sorted(root.rglob("*")) == before
-        path.write_text(head + LINES)
         settings = {
             "kb_zenodo_endpoint": service.servers["zenodo"].url,
             "zenodo_token": service.settings()["ZENODO_TOKEN"],
         }
+        with pytest.raises(NotReleasable, match=named):
+            release(a_run(root, path))
+        assert sorted(root.rglob("*")) == before
+        with pytest.raises(NotReleasable, match=named):
+            publish(a_run(root, path, **settings), "zenodo-sandbox")
+        assert service.ledger.requests() == []
+        path.write_text(head + LINES)
         release(a_run(root, path))
         assert publish(a_run(root, path, **settings), "zenodo-sandbox")["drafts"] == 1
 
