@@ -9,9 +9,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from kb.core.config.settings import DECLARED
 from kb.core.errors import SettingError
 from kb.core.sources import INSTALLED
 from kb.reddit.source import Reddit
+from kb.schema.declared import package_problems, problems
 from kb.source import Published, Source
 from kb.wiki.source import Wiki
 from kb.youtube.source import YouTube
@@ -98,6 +100,12 @@ def _installed() -> Iterator[Source]:
             raise SettingError(
                 f"the source {name!r} is no kb.source.Source",
                 hint=f"name its class in the entry point of the package in {package.folder}",
+            )
+        wrong = list(problems(source.declared, DECLARED.model_fields))
+        if wrong := wrong or list(package_problems(source.declared)):
+            raise SettingError(
+                f"{package.folder / 'schemas'}: {'; '.join(wrong)}",
+                hint="correct the files, or uninstall the package",
             )
         yield source
 

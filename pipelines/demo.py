@@ -62,7 +62,7 @@ QUERIES = [
             sum(count) FILTER (source = 'wiki') AS wiki,
             sum(count) FILTER (source = 'reddit') AS threads
         FROM links.links JOIN links.entities USING (entity)
-            LEFT JOIN release.wiki_pages ON wiki_page_id = page_id
+            LEFT JOIN release.wiki_pages ON wiki_page_id = wiki_pages.page_id
         GROUP BY ALL ORDER BY sum(count) DESC, entity LIMIT 3""",
         ["links.links", "links.entities", "release.wiki_pages"],
     ),

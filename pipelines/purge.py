@@ -8,7 +8,10 @@ What was deleted at its source, or named, leaves every folder for good.
     scores     annotations of texts that no row has any more
 """
 
+from collections.abc import Iterable
 from pathlib import Path
+
+import msgspec
 
 from kb.annotate.scores import drop_unused
 from kb.artifacts import domain_binding, freshness, manifest
@@ -70,7 +73,7 @@ def plan(run: Run, source: str, ids: Path | None, people: Path | None = None) ->
     connector = SOURCES[source].connector(run)
     with dry_purge(run, connector, rules, listed, asked) as purge:
         counted = (steps.derived, steps.answers, steps.kept) if purge.removed else ()
-        return steps.plan_summary(purge, (line for step in counted for line in step(purge)))
+        return _plan_summary(purge, (line for step in counted for line in step(purge)))
 
 
 def _asked_for(
@@ -80,3 +83,24 @@ def _asked_for(
     rules = SOURCES[source].purge_rules()
     listed = rules.read_ids(ids, None) if ids else None
     return rules, listed, rules.people.read(people) if rules.people and people else None
+
+
+def _plan_summary(purge: steps.Purge, lines: Iterable[steps.PurgeLine]) -> Summary:
+    """The counts of a dry run, in all and by folder."""
+    lines = [line for line in lines if line.count]
+
+    def total(folder: str) -> int:
+        return sum(line.count for line in lines if line.folder.split("/")[0] == folder)
+
+    return Summary(
+        command=f"purge {purge.rules.source} --plan",
+        source=purge.rules.source,
+        **purge.summary(),
+        answers=total("raw"),
+        rows=total("clean"),
+        pairs=total("pairs"),
+        links=total("links"),
+        released=total("release"),
+        lines=[msgspec.to_builtins(line) for line in lines],
+        **purge.counts,
+    )

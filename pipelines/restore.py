@@ -19,7 +19,8 @@ from kb.crawl.job import Parts
 from kb.filters.chain import Clean, Description
 from kb.filters.filter_run import run_clean
 from kb.pairs.restore import TextRestore
-from kb.reddit.dumps.files import Dumps, find_dumps
+from kb.reddit.dumps.files import Dumps
+from kb.reddit.dumps.find_dumps import find_dumps
 from kb.reddit.restore.reconstruct import ThreadRestore
 from kb.release.folders import Folders, keep_profile, verify
 from kb.store import lock

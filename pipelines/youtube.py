@@ -13,6 +13,7 @@ from kb.annotate import toxicity
 from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.summary import Summary
+from kb.crawl.share import Part
 from kb.export import layouts
 from kb.filters.chain import (
     Chain,
@@ -36,7 +37,6 @@ from kb.filters.predicates import (
 )
 from kb.registry import PUBLISHED
 from kb.store.tables.columns import word_count
-from kb.youtube.crawl.ids import Part
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered, with_tracks
 from kb.youtube.parse.channels import mark
 from kb.youtube.parse.view_counting import kept_counts

@@ -47,7 +47,7 @@ ALLOWED: dict[str, set[str]] = {
     ),
     "source": GROUND
     | {"core", "crawl", "export", "links", "search", "reader", "mcp", "report", "look"},
-    "registry": {"source", "artifacts", "core", "export", "release", "report", *SOURCES},
+    "registry": {"source", "artifacts", "schema", "core", "export", "release", "report", *SOURCES},
     **dict.fromkeys(ASKING, DATA),
     "links": {"pairs", *DATA},  # over the pairs' matcher
     "labels": {"pairs", *DATA},  # over the pairs' transcripts

@@ -30,7 +30,7 @@ from kb.core.errors import DamagedData, FatalError, SettingError
 from kb.core.installation import PROFILE_FILE, lock_digest
 from kb.core.sources import MADE, PUBLISHED, SOURCES, made_of
 from kb.schema.tables import table
-from kb.store.artifact_registry import ARTIFACTS, RELEASE
+from kb.store.artifact_registry import ARTIFACTS, CHUNKS, RELEASE
 from kb.store.checkpoint import installed
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
@@ -289,6 +289,8 @@ def _is_possible(run: Run, name: str) -> bool:
         return getattr(profile, rest) is not None and rawlog.any_answer(root, rest)
     if name == "release/open-text" and not profile.release.open_text:
         return ARTIFACTS[name].folder(root).exists()
+    if name.endswith(CHUNKS) and not ARTIFACTS[name].manifest(root).exists():
+        return False  # how large they are is said by an export alone
     if profile.pairs is None and maker is not None and maker.recipe in ("pairs", "links"):
         return False
     return any(_has_rows(run, one) for one in sources_of(name))

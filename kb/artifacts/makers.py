@@ -31,7 +31,7 @@ from kb.core.errors import (
 from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
 from kb.store import damage_note
-from kb.store.artifact_registry import ARTIFACTS, RELEASE
+from kb.store.artifact_registry import ARTIFACTS, CHUNKS, RELEASE, exports_in
 
 _NONE: Mapping[str, Any] = {}
 MADE, UNCHANGED, FAILED, LEFT_OUT = "made", "unchanged", "failed", "left out"
@@ -127,6 +127,8 @@ def recorded_options(root: Path, name: str) -> dict[str, Any]:
     options = dict(made.figures) if made is not None else {}
     if "tokenizer" in options and not Path(options["tokenizer"]).is_file():
         del options["tokenizer"]  # then words are counted
+    if not name.endswith(CHUNKS):  # before they had a file of their own
+        options.pop("chunk_tokens", None)
     return options
 
 
@@ -135,9 +137,7 @@ def make_export(run: Run, name: str, layout: str, options: Mapping[str, Any] = _
     or another layout. Raises as `make_artifact`.
     """
     if layout != "parquet":
-        places = PUBLISHED[name].exports
-        first = next(one for one in places if one.partition("/")[0] == layout)
-        return make_artifact(run, f"export/{first}", options)
+        return make_artifact(run, exports_in(layout, name, options)[0], options)
     made = make_artifact(run, f"release/{name}")
     for part in PUBLISHED:
         if PUBLISHED[part].part_of == name:

@@ -38,7 +38,6 @@ from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, releas
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.summary import Summary
 from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of
 from kb.store.atomic import remove_path, write_bytes
@@ -437,24 +436,3 @@ def count_files(root: Path, artifact: Artifact) -> PurgeLine:
     folder = artifact.folder(root)
     files = [folder] if folder.is_file() else files_below(folder, root, strict=False)
     return PurgeLine(artifact.name, "files, made again", sum(1 for _ in files))
-
-
-def plan_summary(purge: Purge, lines: Iterable[PurgeLine]) -> Summary:
-    """The counts of a dry run, in all and by folder."""
-    lines = [line for line in lines if line.count]
-
-    def total(folder: str) -> int:
-        return sum(line.count for line in lines if line.folder.split("/")[0] == folder)
-
-    return Summary(
-        command=f"purge {purge.rules.source} --plan",
-        source=purge.rules.source,
-        **purge.summary(),
-        answers=total("raw"),
-        rows=total("clean"),
-        pairs=total("pairs"),
-        links=total("links"),
-        released=total("release"),
-        lines=[msgspec.to_builtins(line) for line in lines],
-        **purge.counts,
-    )

@@ -308,12 +308,17 @@ def _fresh(one: RestoredTable, scratch: Path, bucket: int) -> pa.Table:
 
 
 def _restored(one: RestoredTable, scratch: Path, bucket: int, like: pa.Table) -> pa.Table:
-    """The rows of a bucket that earlier runs restored, with the columns of `like`."""
+    """The rows of a bucket that earlier runs restored, with the columns of `like`: null where an
+    older version did not have one yet.
+    """
     path = scratch / str(bucket) / f"old-{one.declared.short}.arrow"
     if not path.exists():
         return like.slice(0, 0)
     with pa.ipc.open_file(str(path)) as file:
-        return file.read_all().select(like.column_names).cast(like.schema)
+        rows = file.read_all()
+    for name in set(like.column_names) - set(rows.column_names):
+        rows = rows.append_column(name, pa.nulls(rows.num_rows))
+    return rows.select(like.column_names).cast(like.schema)
 
 
 def _final(reasons: Reasons) -> pa.Table:

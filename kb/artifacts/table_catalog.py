@@ -12,7 +12,6 @@ make of it goes to `workplace`, never into it. Looks at file names and checksums
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import os
 import re
@@ -29,6 +28,7 @@ from kb.core.cached_property import cached_property
 from kb.core.errors import FatalError, KbError, SettingError, UsageError
 from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.suggestions import similar
 from kb.schema.tables import Table, table, tables
 from kb.store.layout import TOP, VERDICTS, Layout, parquet_files, rows_pattern
 from kb.store.tables import parquet
@@ -286,7 +286,7 @@ def nearest(path: Path) -> Path | None:
         inside, above = filter(_holds_something, below), filter(is_root, path.parents[:2])
         return next(inside, None) or next(above, None)
     beside = {one.name: one for one in folders_in(path.parent)}
-    alike = (beside[name] for name in difflib.get_close_matches(path.name, beside))
+    alike = (beside[name] for name in similar(path.name, beside))
     return next(filter(_holds_something, alike), None)
 
 

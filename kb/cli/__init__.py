@@ -4,6 +4,7 @@ import contextlib
 import signal
 import sys
 
+from kb.core.errors import KbError
 from kb.core.signals import BOTH, ended_in_time, handling, leave
 
 
@@ -20,7 +21,11 @@ def main(arguments: list[str] | None = None) -> None:
     ]
     in_time = ended_in_time() if signal.SIGTERM in ours else contextlib.nullcontext()
     with in_time, handling(leave, ours):
-        from kb.cli.app import app
+        try:
+            from kb.cli.app import app
+        except KbError as error:  # the declaration of a source is not as it should be
+            print(f"kb: {error}" + (f"; {error.hint}" if error.hint else ""), file=sys.stderr)
+            sys.exit(error.exit_code)
         from kb.cli.framework.exit_codes import run_to_exit_code
 
         sys.exit(run_to_exit_code(app, arguments))

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import difflib
 import hashlib
 import io
 from collections import Counter
@@ -44,6 +43,7 @@ from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import UsageError
 from kb.core.installation import require
+from kb.core.suggestions import similar
 from kb.core.summary import Summary
 from kb.pairs.draw import asking, checked
 from kb.store.atomic import write_bytes, write_text
@@ -241,9 +241,8 @@ def _near(run: Run, chosen: Chosen) -> str:
     files = table_catalog.read(run.root).files("pairs/pairs")
     with reading(files), database.asking() as con:
         rows = con.execute(f"SELECT DISTINCT keyword FROM {scan(files)} ORDER BY 1").fetchall()
-    names = {str(name).lower(): str(name) for (name,) in rows}
-    near = difflib.get_close_matches(chosen.keyword.lower(), names, 3)
-    return f"did you mean {' or '.join(repr(names[one]) for one in near)}?" if near else ""
+    near = similar(chosen.keyword, (str(name) for (name,) in rows))
+    return f"did you mean {' or '.join(map(repr, near))}?" if near else ""
 
 
 def cut_shard(

@@ -21,7 +21,7 @@ from urllib.parse import SplitResult, urlunsplit
 
 import msgspec
 
-from kb.core.errors import SchemaMismatch
+from kb.core.errors import SettingError
 from kb.core.installation import folder
 
 ENTRY_POINTS = "lorecrawl.sources"
@@ -116,6 +116,38 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         return list(dict.fromkeys(place.partition("/")[0] for place in self.exports))
 
 
+class DeclaredSetting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A setting that a package adds, named by its variable in lower case. What is no `secret` may
+    be shown.
+    """
+
+    description: str
+    secret: bool = True
+
+
+class DeclaredService(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a service of JSON answers may be asked (kb.crawl.json_service).
+
+    url              the key of the source's section with the address of the service
+    per_day          units a day: a number, or the key of the source's section that has it; 0 for
+                     as many as one likes
+    units            units of a request by endpoint, where they are not 1
+    time_zone        whose midnight begins the service's day
+    seconds_between  at least so many between two requests
+    key              the setting with the key; "" where none is sent
+    sent             how it is sent: "query: NAME", or "header: NAME", with {} for it where there is
+                     more in the header ("header: Authorization: Bearer {}")
+    """
+
+    url: str = "url"
+    per_day: int | str = 0
+    units: dict[str, int] = {}
+    time_zone: str = "UTC"
+    seconds_between: float = 0.0
+    key: str = ""
+    sent: str = "query: key"
+
+
 class SourceDeclaration(Publication, frozen=True, kw_only=True):
     """A source. `name` is also that of raw/<name>, clean/<name> … and of its commands.
 
@@ -157,6 +189,8 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     color            its colour in the report: "red", "green", "blue"; grey without one
     dated            the column of the main table that dates a row, and what happened then
     unlicensed       a sentence on licences where rows name none of their own
+    settings         settings that it adds, by name
+    service          how its service may be asked, where that is what `kb.crawl.json_service` does
     """
 
     package: Path
@@ -191,6 +225,8 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     color: str = ""
     dated: tuple[str, str] = ("fetched_at", "fetched")
     unlicensed: str = ""
+    settings: dict[str, DeclaredSetting] = {}
+    service: DeclaredService | None = None
     annotate_help: str = "Score its texts."
     annotate_examples: tuple[str, ...] = ()
     purge_help: str = "Remove what is named, everywhere, and remember it."
@@ -241,11 +277,14 @@ def _installed() -> dict[str, Package]:
     """The packages that add a source, by its name."""
     packages = {}
     for entry_point in importlib.metadata.entry_points(group=ENTRY_POINTS):
-        spec = find_spec(entry_point.module.rpartition(".")[0] or entry_point.module)
-        if spec is not None and spec.submodule_search_locations:
-            packages[entry_point.name] = Package(
-                Path(spec.submodule_search_locations[0]), entry_point
+        name = entry_point.module.partition(".")[0]
+        spec = find_spec(name)
+        if spec is None or not spec.submodule_search_locations:
+            raise SettingError(
+                f"the source {entry_point.name!r} is in {name!r}, which is no package",
+                hint=f"correct the entry point {entry_point.value!r} of {ENTRY_POINTS}",
             )
+        packages[entry_point.name] = Package(Path(spec.submodule_search_locations[0]), entry_point)
     return packages
 
 
@@ -256,7 +295,7 @@ Declared = TypeVar("Declared", bound=Publication)
 
 
 def load_declaration(path: Path, kind: type[Declared], **known: Any) -> Declared:
-    """A declaration with what is `known` besides. Raises SchemaMismatch with the file and what is
+    """A declaration with what is `known` besides. Raises SettingError with the file and what is
     wrong in it.
     """
     try:
@@ -265,7 +304,9 @@ def load_declaration(path: Path, kind: type[Declared], **known: Any) -> Declared
             {"name": path.stem, **known, **data}, kind, dec_hook=lambda _, value: value
         )
     except (OSError, ValueError) as error:  # not readable, no TOML, not what is declared
-        raise SchemaMismatch(f"{path}: {error}") from None
+        raise SettingError(
+            f"{path}: {error}", hint="correct the file, or uninstall the package that has it"
+        ) from None
 
 
 def _declared() -> Iterator[SourceDeclaration]:
@@ -274,7 +315,7 @@ def _declared() -> Iterator[SourceDeclaration]:
         yield load_declaration(path, SourceDeclaration, **place)
     for name, package in INSTALLED.items():
         path = package.folder / "schemas" / "sources" / f"{name}.toml"
-        place = {"package": package.folder, "module": package.entry_point.module.rpartition(".")[0]}
+        place = {"package": package.folder, "module": package.entry_point.module.partition(".")[0]}
         yield load_declaration(path, SourceDeclaration, **place)
 
 

@@ -9,6 +9,9 @@ import msgspec
 
 from kb.core import clock
 from kb.core.context import Run
+from kb.core.errors import SettingError
+from kb.core.summary import Summary
+from kb.crawl.share import Part
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 
@@ -135,6 +138,24 @@ class Connector:
         Raises UsageError when a setting that every request needs is missing.
         """
         raise NotImplementedError
+
+    def restrict(self, keys: Sequence[str] | None, part: Part) -> None:
+        """Crawl these keys instead of what the service lists, and one machine's share of all.
+        Raises SettingError where the source can't.
+        """
+        if keys is not None or part is not None:
+            option = "--ids" if keys is not None else "--part"
+            raise SettingError(f"{self.name} has no {option}", hint="leave it out")
+
+    def refresh(self, days: int) -> None:
+        """Read again what is older than so many days, instead of a crawl. Of sources that declare
+        what is refreshed.
+        """
+        raise NotImplementedError
+
+    def plan(self, command: str, kinds: Sequence[str] = ()) -> Summary:
+        """What is left of `kinds`, by default of all. Raises SettingError where nobody can say."""
+        raise SettingError(f"{self.name} has no --plan", hint="leave it out")
 
     def begin(self, opened: Opened) -> None:
         """The data root is open; before the raw tail is replayed. Sends nothing."""

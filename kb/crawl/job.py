@@ -70,8 +70,14 @@ def work(
         return summarize(session, loop)
 
 
-def crawl_source(run: Run, source: SourceDeclaration, connector: Connector) -> Summary:
-    """Crawl a source that needs no summary of its own. Raises as `work`."""
+def crawl_source(
+    run: Run,
+    source: SourceDeclaration,
+    connector: Connector,
+    command: str,
+    only: Sequence[str] = (),
+) -> Summary:
+    """Crawl a source that needs no summary of its own, or `only` some kinds. Raises as `work`."""
     kinds = [phase.kind for phase in connector.phases]
     counted = [kind for kind, noun in source.nouns.items() if noun == source.counted]
 
@@ -79,18 +85,20 @@ def crawl_source(run: Run, source: SourceDeclaration, connector: Connector) -> S
         counts = {kind: session.frontier.counts(kind) for kind in kinds}
         left = source.left_by(counts)
         return Summary(
-            command=f"{source.name} crawl",
+            command=command,
             source=source.name,
             counted=source.counted,
             crawled=sum(loop.answered[kind] for kind in counted),
             failed=sum(each.get("error", 0) for each in counts.values()),
             pending=session.frontier.waiting(*counted),
-            requests=session.frontier.requests()[0],
+            requests=session.requests()[0],
+            units=session.requests()[1],
             left=sum(left.values()),
             left_by=left,
         )
 
-    return work(run, connector, summary)
+    phases = [phase for phase in connector.phases if phase.kind in (only or kinds)]
+    return work(run, connector, summary, phases=phases)
 
 
 def check_read(connector: Connector, loop: Loop) -> None:

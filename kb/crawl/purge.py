@@ -1,12 +1,13 @@
 """The first part of a purge, which needs a source's raw answers and state under its lock."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from kb.artifacts import purge as steps
+from kb.artifacts import purge_raw
 from kb.artifacts.purge import Purge, PurgeLine, PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
@@ -91,29 +92,55 @@ def dry_purge(
         yield purge
 
 
-def _as_text(entry: ListedId) -> str | None:
-    return str(entry.value) if entry.value else None
+def ids_of(source: SourceDeclaration) -> IdRules:
+    """How ids are read for a source that has no rules of its own: as they are, those without the
+    prefix of a table as ids of the main one.
+    """
 
+    def key_of(entry: ListedId) -> str | None:
+        text = str(entry.value or "")
+        if any(prefix and text.startswith(prefix) for prefix in source.tables.values()):
+            return text
+        return f"{source.tables[source.main]}{text}" if text else None
 
-def rules_by_name(source: SourceDeclaration) -> PurgeRules:
-    """The rules of a source whose items are removed by name only."""
-    rows = [
-        (short, prefix, table(f"{source.name}/{short}")) for short, prefix in source.tables.items()
-    ]
-    ids = IdRules(
+    return IdRules(
         option="--ids",
         noun=f"ids of {source.counted}",
         hint="write one a line",
-        columns=tuple(declared.key[0] for _, _, declared in rows),
-        tables=(tuple(short for short, _, _ in rows),),
-        parse=_as_text,
+        columns=tuple(table(f"{source.name}/{short}").key[0] for short in source.tables),
+        tables=(tuple(source.tables),),
+        parse=key_of,
     )
+
+
+def rules_by_name(source: SourceDeclaration) -> PurgeRules:
+    """The rules of a source whose items are removed by name, and where the service no longer has
+    them: what a refresh asked for and did not get.
+    """
+    rows = [
+        (short, prefix, table(f"{source.name}/{short}")) for short, prefix in source.tables.items()
+    ]
+
+    def absent(purge: Purge) -> dict[str, str]:
+        items = purge.frontier.items(source.refreshed, "skipped") if source.refreshed else ()
+        before = tombstones.keys(purge.root, source.name)
+        lost = {key: "vanished" for key, _, why, _ in items if why == "not_found"}
+        fresh = {key: why for key, why in lost.items() if key not in before}
+        return steps.with_named(steps.by_presence(purge), fresh)
+
+    def bare(keys: Collection[str]) -> Iterator[str]:
+        for key in keys:  # answers have them without what tells tables apart
+            prefixes = [prefix for prefix in source.tables.values() if key.startswith(prefix)]
+            yield key.removeprefix(max(prefixes, key=len, default=""))
+
     return PurgeRules(
         source.name,
-        ids.some_ids_in,
+        ids_of(source).some_ids_in,
         rows=(
             *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
             *shared_locations(source.name),
         ),
         items=tuple(source.nouns),
+        answers=purge_raw.AnswerRules(texts=bare),
+        find=absent,
     )

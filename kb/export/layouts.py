@@ -20,7 +20,7 @@ from kb.core.errors import FatalError
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import Summary, vocabulary
 from kb.schema.tables import released_tables
-from kb.store.artifact_registry import ARTIFACTS
+from kb.store.artifact_registry import ARTIFACTS, exports_in
 from kb.store.layout import Layout
 from kb.store.tables import shard_writer
 from kb.store.tables.checksums import FileEntry
@@ -46,8 +46,7 @@ def export(run: Run, published: Exported, layout: str = "parquet", **options: An
         "parquet": partial(write_parquet, source=name),
         **published.writers(),
     }
-    formats = [one for one in ARTIFACTS.values() if one.name.startswith(f"export/{layout}")]
-    places = [one.name for one in formats if one.maker and one.maker.recipe == name]
+    places = exports_in(layout, name, options)
     owners = filter(None, (name, PUBLISHED[name].part_of))
     with domain_binding.writing(run, *(f"release-{one}" for one in owners)):
         inputs = {one: manifest.inputs(run.root, one) for one in places}

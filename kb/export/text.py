@@ -6,11 +6,11 @@ and Dolma read it.
 
 The text is Markdown and begins with `# Title`; the title is a line, whatever it was. Each source
 says what its documents are (`kb/<source>/text.py`): pieces of text, some of which begin something
-new (a heading, a comment, a paragraph after a pause). Chunks of at most so many tokens are cut
-there; a piece that is longer than a chunk is cut between its lines, else where a sentence ends,
-else between two words, else anywhere. Chunks begin with the title too, and with the headings that
-they stand under, as far as these take half of a chunk. Their ids are `<id>-<number>` from 0, and
-`metadata` has `document`, `chunk` and `chunks`.
+new (a heading, a comment, a paragraph after a pause). Chunks of at most so many tokens go to
+`export/text/<source>-chunks.jsonl` and are cut there; a piece that is longer than a chunk is cut
+between its lines, else where a sentence ends, else between two words, else anywhere. Chunks begin
+with the title too, and with the headings that they stand under, as far as these take half of a
+chunk. Their ids are `<id>-<number>` from 0, and `metadata` has `document`, `chunk` and `chunks`.
 
 Documents are in the order of the clean parts, which workers make side by side; the same clean rows
 give the same bytes. For one's own use: licences are those in `metadata`.
@@ -39,7 +39,7 @@ from kb.core.scripts import words
 from kb.core.sources import SourceDeclaration
 from kb.core.summary import Summary
 from kb.export.contacts import replaced
-from kb.store.artifact_registry import ARTIFACTS
+from kb.store.artifact_registry import ARTIFACTS, CHUNKS
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 from kb.store.tables.reading import reading
@@ -104,8 +104,8 @@ class DocumentSource(Protocol):
 
 
 def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
-    """clean/<source> to export/text/<source>.jsonl, as TextOptions say. Without kept rows the file
-    is empty.
+    """clean/<source> to export/text/<source>.jsonl, chunks to <source>-chunks.jsonl, as TextOptions
+    say. Without kept rows the file is empty.
 
     Raises FatalError where nothing was filtered yet, SettingError for a file that is no tokenizer,
     MissingExtra, DamagedData, DiskFull.
@@ -124,7 +124,7 @@ def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
             hint=f"run `{clean.command}` first",
         )
     size = sum(one.stat().st_size for one in every)
-    path = Layout(run.root).export("text", f"{source}.jsonl")
+    path = Layout(run.root).export("text", source + (CHUNKS if options.chunk_tokens else ".jsonl"))
     counts: Counter[str] = Counter(documents=0)
     origin = run.profile.service_address(source)
     with (

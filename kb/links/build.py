@@ -36,12 +36,14 @@ from kb.core import scripts
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.installation import np
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.links.texts import TextPart, TextSource, parts
 from kb.pairs import keywords as lists
 from kb.pairs.extract import PairCounts, matches
 from kb.pairs.keywords import EXCLUDED, Keywords
 from kb.pairs.matching import phrase
+from kb.schema import table
 from kb.schema.wiki_page import PageNames
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables import database, parquet
@@ -49,6 +51,8 @@ from kb.store.tables.reading import reading, scan
 from kb.store.tables.shard_writer import sorted_shards, write_table
 
 _PAGES = "wiki/pages"
+# Those of links/links that tables of sources have under the same names.
+ID_COLUMNS = ("video_id", "page_id", "post_id", "comment_id")
 
 TITLE, ALIAS = "title", "alias"
 _BRACKETS = re.compile(r"\s*\([^()]*\)$")
@@ -107,9 +111,36 @@ def _stem(table: str) -> str:
 def make_part(folder: str, name: str, path: str, table: str, of: TextSource) -> dict[str, int]:
     """The mentions in a file of a clean table."""
     keywords, (source, _, short) = _keywords(read_plan(folder)), table.partition("/")
-    tables = [mentions(source, part, keywords) for part in parts(of, Path(path), short)]
+    ids = _ids(Path(path), source, short)
+    tables = [
+        with_ids(mentions(source, part, keywords), ids) for part in parts(of, Path(path), short)
+    ]
     write_part(folder, name, tables, "links/links", {})
     return {"links": sum(one.num_rows for one in tables)}
+
+
+def _ids(path: Path, source: str, short: str) -> pa.Table:
+    """What links/links says of the keys of a file: `key`, and each of its columns of ids that the
+    table has.
+    """
+    declared = table(f"{source}/{short}")
+    own = [name for name in ID_COLUMNS if name in declared.names()]
+    with reading([path]):
+        rows = parquet.read_table(path, columns=list(dict.fromkeys([declared.key[0], *own])))
+    prefix = SOURCES[source].tables.get(short, "")
+    keys = pc.binary_join_element_wise(prefix, rows[declared.key[0]].cast(pa.string()), "")
+    return pa.table({"key": keys, **{name: rows[name] for name in own}})
+
+
+def with_ids(links: pa.Table, ids: pa.Table) -> pa.Table:
+    """Links with the ids that a table has for their keys."""
+    keys = ids["key"].cast(pa.string()).combine_chunks()  # of no type where a table has no rows
+    places = pc.index_in(links["key"].cast(pa.string()), value_set=keys)
+    for name in ID_COLUMNS:
+        kind = table("links/links").arrow().field(name).type
+        known = ids[name].take(places) if name in ids.column_names else pa.nulls(len(links), kind)
+        links = links.append_column(name, known.cast(kind))
+    return links
 
 
 @lru_cache(maxsize=2)
@@ -148,7 +179,8 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
         pa.array([one.names for one in own.values()], pa.int64()),
         pa.nulls(len(own), pa.float64()),
     )
-    write_table(work / "own-pages.parquet", own_rows, "links/links")
+    pages_of = pa.table({"key": ids, "page_id": [one.page_id for one in own.values()]})
+    write_table(work / "own-pages.parquet", with_ids(own_rows, pages_of), "links/links")
 
 
 def _finish(parted: PartedBuild, keywords: Keywords, own: Mapping[int, Own]) -> None:

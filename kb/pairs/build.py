@@ -149,6 +149,7 @@ def _summary(root: Path) -> Summary:
     return Summary(
         {"command": "pairs", "source": "pairs"},
         **{name: figures[name] for name in _TOTALS},
+        keywords_in_pairs=sum("pairs" in hits for hits in figures["keywords"].values()),
         keywords_found=len(figures["keywords"]),
         path=str(Layout(root).pairs),
     )

@@ -40,7 +40,7 @@ PAIRS, VIDEOS, README = "pairs.parquet", "videos.txt", "README.md"
 SPLIT = {"test": 0.05, "validation": 0.05, "train": 0.9}
 _SCORES = ("model", "similarity", "margin", "best_offset_s", "static_share", "frames")
 _LABELS = ("visible", "described", "on_time")  # questions about pairs
-_TOLERATED = 0.0201  # that a side's share of the pairs may differ without a word
+_TOLERATED = 0.02  # that a side's share of the pairs may differ without a word
 _MEMORY = "250MB"  # of DuckDB, which spills what is more
 _NUMBER = "('0x' || pair_id)::UBIGINT"
 
@@ -386,7 +386,8 @@ def split_remarks(counts: Mapping[str, int], groups: int) -> list[str]:
         return [f"no pairs for {' and '.join(empty)}: {cause}; {remedy}"]
     shares = [counts[side] / total for side in sides]
     wanted = [SPLIT[side] for side in sides]
-    if np.allclose(shares, wanted, rtol=0, atol=_TOLERATED):
+    # A single pair is not cut: what it makes of a small draw's shares is rounding.
+    if np.allclose(shares, wanted, rtol=0, atol=max(_TOLERATED, 1 / total) + 1e-9):
         return []
     got, meant = (", ".join(f"{100 * part:.0f}" for part in of) for of in (shares, wanted))
     return [f"the split is {got} % and not {meant} %: {cause}; {remedy}"]

@@ -152,7 +152,10 @@ def pairs_of(text: Text, tools: Tools) -> PairBatch:
     shortest, longest = round(section.min_clip_s * 1000), round(section.max_clip_s * 1000)
     step = int(longest - shortest > 1)
     length = rng.integers("clip", shortest + step, longest - step)
+    match = _times(text, hits.start, hits.end - 1)
+    center = seeded_random.around(center, length, match)
     clip_start, clip_end = seeded_random.clips(center, length, text.length[hits.video])
+    in_clip = (match[0] >= clip_start) & (match[1] <= clip_end)
     gap = round(section.min_gap_s * 1000)
     taken = np.flatnonzero(
         seeded_random.choose(
@@ -164,14 +167,19 @@ def pairs_of(text: Text, tools: Tools) -> PairBatch:
     grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, hits, rng)
     times = {
         "segment": (segment[0][taken], segment[1][taken]),
-        "match": _times(text, hits.start, hits.end - 1),
+        "match": (match[0][taken], match[1][taken]),
         "text": _times(text, grown.first, grown.last),
         "clip": (clip_start[taken], clip_end[taken]),
     }
     counts.note(tools.keywords, "pairs", hits.keyword)
     words, end = _texts(text, grown)
     columns = _columns(text, tools.keywords, hits, (grown.start, end), position, rng, times)
-    own = {"text": words, "token_count": grown.tokens, "center_s": center[taken] / 1000}
+    own = {
+        "text": words,
+        "token_count": grown.tokens,
+        "center_s": center[taken] / 1000,
+        "match_in_clip": pa.array(in_clip[taken]),
+    }
     within = np.searchsorted(every.start, end) - np.searchsorted(every.start, grown.start)
     bounds = (hits.start, hits.end), (grown.start, end)
     return PairBatch(pa.table(columns | own), counts, every, hits.video, *bounds, within)

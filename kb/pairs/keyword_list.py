@@ -4,7 +4,6 @@ A tab-separated file with the columns `keyword`, `kind`, `rule`, `forms`; lines 
 are comments. A name is spoken and written in the singular and plural, joined and apart.
 """
 
-import difflib
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -25,6 +24,7 @@ from kb.core.config.section import (
     read_text,
 )
 from kb.core.errors import ProfileError
+from kb.core.suggestions import similar
 from kb.pairs.matching import phrase
 
 COLUMNS = ("keyword", "kind", "rule", "forms")
@@ -171,8 +171,8 @@ def _reach(rule: str, near_words: int) -> int | str | None:
     if name == "near":
         return "near: is followed by a number of words, such as near:30"
     known = ("topic", "near", "never", "always")
-    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.5)
-    return f"did you mean {close[0]}?" if close else "forms stand in the fourth column"
+    close = similar(name, known, most=1, cutoff=0.5)
+    return f"did you mean {close[0]}?" if close else f"a rule is one of {', '.join(known)}"
 
 
 class Placed(NamedTuple):
@@ -257,7 +257,7 @@ def _kinds(every: list[Placed]) -> Iterator[Finding]:
         kind = place.keyword.kind
         if often[kind] > 1:
             continue
-        close = difflib.get_close_matches(kind, known, n=1, cutoff=0.8)
+        close = similar(kind, known, most=1, cutoff=0.8)
         if close:
             what = f"the kind {kind!r} occurs only once"
             yield _at(WARNING, place, what, f"did you mean {close[0]!r}?")
@@ -307,7 +307,7 @@ def _without_spaces(every: list[Placed]) -> Iterator[Finding]:
             what = (
                 f"{rule} counts what stands between two spaces as one word: a whole sentence here"
             )
-            yield _at(NOTE, place, what, "write always, or never, as its rule")
+            yield _at(WARNING, place, what, "write always, or never, as its rule")
 
 
 def _overlapping(every: list[Placed]) -> Iterator[Finding]:

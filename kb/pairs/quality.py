@@ -67,6 +67,7 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> tuple[pa.Table, pa.
             "pair_id": batch.rows["pair_id"],
             "video_id": batch.rows["video_id"],
             "match_start_s": batch.rows["match_start_s"],
+            "clip_start_s": batch.rows["clip_start_s"],
             "channel_id": pa.array(text.channels, pa.string()).take(pa.array(batch.video)),
             "runs": repeated_text.around(keys, *within),
             "language": codes,

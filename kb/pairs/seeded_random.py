@@ -89,6 +89,17 @@ def supported(
     return near
 
 
+def around(
+    center: np.ndarray, length: np.ndarray, phrase: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Centres (ms) moved no further than needed for clips of these lengths to contain phrases, of
+    which those that are longer than their clip are left out.
+    """
+    before = length // 2
+    moved = np.clip(center, phrase[1] - (length - before), phrase[0] + before)
+    return np.where(phrase[1] - phrase[0] <= length, moved, center)
+
+
 def clips(
     center: np.ndarray, length: np.ndarray, video_length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ formats      rows as a table, CSV, JSON or Parquet
 """
 
 from kb.artifacts.table_catalog import View
-from kb.query.execute import did_you_mean, select, similar
+from kb.query.execute import select
 from kb.query.views import ViewInfo, catalog, connect, find_views
 
 __all__ = [
@@ -18,8 +18,6 @@ __all__ = [
     "ViewInfo",
     "catalog",
     "connect",
-    "did_you_mean",
     "find_views",
     "select",
-    "similar",
 ]

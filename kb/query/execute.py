@@ -3,13 +3,12 @@ the nearest names for an unknown table or column.
 """
 
 import contextlib
-import difflib
 import os
 import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from kb.artifacts.table_catalog import SCHEMAS, View, empty, view_name
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.progress import Progress
 from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.suggestions import did_you_mean, similar
 from kb.query import statements
 from kb.query.formats import as_csv
 from kb.query.limits import Limits, limited, restrict_process, timed_out
@@ -64,15 +64,6 @@ def unknown_name(
     return None
 
 
-def similar(name: str, names: Iterable[str]) -> list[str]:
-    """The most similar names, at most three; none much less similar than the first."""
-    by_lower = {candidate.lower(): candidate for candidate in names}
-    near = difflib.get_close_matches(name.lower(), by_lower, 3)
-    ratios = [difflib.SequenceMatcher(None, candidate, name.lower()).ratio() for candidate in near]
-    rated = zip(near, ratios, strict=True)
-    return [by_lower[candidate] for candidate, ratio in rated if ratio > ratios[0] - 0.1]
-
-
 def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path | None) -> KbError:
     views = con.execute(
         "SELECT schema_name, view_name FROM duckdb_views() WHERE list_contains(?, schema_name)",
@@ -106,11 +97,6 @@ def _made_by(short: str, schema: str) -> str:
     if source not in SOURCES or schema == "release":
         return f"`{ARTIFACTS[f'release/{source}'].command}` makes it"
     return f"`kb {source} crawl`, then `kb {source} filter` make it"
-
-
-def did_you_mean(near: Sequence[str]) -> str:
-    """ " Did you mean a or b?", to follow a message; "" without names."""
-    return f" Did you mean {' or '.join(near)}?" if near else ""
 
 
 _BATCH = 10_000  # rows

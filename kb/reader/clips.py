@@ -19,7 +19,9 @@ from kb.clips.torch_dataset import ClipDataset, torch_dataset
 from kb.core.errors import UsageError
 from kb.core.installation import require
 from kb.core.sources import made_of
-from kb.reader.tables import OpenTables, QueryResult, TableView, with_hints
+from kb.core.suggestions import did_you_mean, similar
+from kb.reader.hints import with_hints
+from kb.reader.tables import OpenTables, QueryResult, TableView
 
 Folder = str | os.PathLike[str]
 _TRAINED = ("pair_id", "video_id", "keyword", "text", "clip_start_s", "clip_end_s", "duration_s")
@@ -113,7 +115,7 @@ def find(
     if keyword.lower() in map(str.lower, known):  # all of its clips have been removed
         return clips
     raise UsageError(
-        f"no clips of {keyword!r}.{query.did_you_mean(query.similar(keyword, known))}",
+        f"no clips of {keyword!r}.{did_you_mean(similar(keyword, known))}",
         hint='data.sql("SELECT DISTINCT keyword FROM pairs") lists the keywords',
     )
 
@@ -130,11 +132,13 @@ def _sql(opened: OpenTables, pairs: View, ranked: list[View], keyword: str | Non
     of_video = ", ".join(f"v.{name}" if videos else f"NULL AS {name}" for name in _OF_VIDEO)
     if videos:
         joins.append(f"LEFT JOIN {videos[0].full} AS v ON v.video_id = p.video_id")
-    for name, keys in (("quality", "pair_id"), ("scores", "pair_id, video_id")):
+    own = TableView(pairs).columns
+    for name in ("quality", "scores"):
         for measured in opened.ranked(f"pairs_{name}")[:1]:
             joins.append(f"LEFT JOIN {measured.full} AS {name} ON {name}.pair_id = p.pair_id")
+            keys = ", ".join(key for key in TableView(measured).columns if key in own)
             measures += f", {name}.* EXCLUDE ({keys})"
-    timing = "p.timing" if "timing" in TableView(pairs).schema.names else "NULL::VARCHAR"
+    timing = "p.timing" if "timing" in own else "NULL::VARCHAR"
     removed = [
         f"SELECT key FROM {one.full} WHERE source = '{source}'"
         for source in (*made_of("pairs"), "pairs")

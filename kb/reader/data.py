@@ -10,13 +10,13 @@ from typing import Any
 from kb import query
 from kb.artifacts import remote_release, table_catalog
 from kb.artifacts.table_catalog import Catalog, View
-from kb.core.errors import UsageError
-from kb.reader import clips, html, thread, wiki_page
-from kb.reader.tables import OpenTables, QueryResult, Tables, TableView, with_hints
+from kb.reader import clips, html, thread, video, wiki_page
+from kb.reader.hints import with_hints
+from kb.reader.tables import OpenTables, QueryResult, Tables, TableView
 from kb.search.ranking import Only, day_given
 
 Place = str | os.PathLike[str]
-_METHODS = ("sql", "page", "thread", "clips", "search")
+_METHODS = ("sql", "video", "page", "thread", "clips", "search")
 
 
 @with_hints
@@ -79,13 +79,18 @@ class Data:
 
         Raises UsageError for a wrong query, DamagedData for a damaged file.
         """
-        try:
-            rows = query.select(self._opened.con, query_, views=self._opened.views)
-            return QueryResult(rows.read_all())
-        except UsageError as error:
-            if "kb query --tables" in error.hint:
-                error.hint = "data.tables lists the tables"
-            raise
+        rows = query.select(self._opened.con, query_, views=self._opened.views)
+        return QueryResult(rows.read_all())
+
+    @with_hints
+    def video(self, video_id: str, /) -> video.Video:
+        """A video by its id, with its transcript where there is one, pairs, tasks and links.
+
+            data.video("dQw4w9WgXcQ").pairs.to_pandas()
+
+        Raises UsageError for an unknown id.
+        """
+        return video.find(self._opened, video_id)
 
     @with_hints
     def page(self, id_or_title: int | str, /) -> wiki_page.Page:

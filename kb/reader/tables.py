@@ -4,14 +4,13 @@ the tables of several folders with one connection over them.
 
 from __future__ import annotations
 
-import difflib
+import shutil
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import duckdb
 import pyarrow as pa
@@ -20,50 +19,40 @@ from kb import query
 from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare, check_once
 from kb.core.cached_property import cached_property
-from kb.core.errors import FatalError, KbError, MissingExtra, UsageError
+from kb.core.errors import FatalError, MissingExtra, UsageError
 from kb.core.installation import ds
+from kb.core.suggestions import did_you_mean, similar
+from kb.query.formats import as_box
 from kb.query.remote_duckdb import reading_views
 from kb.reader import html
+from kb.reader.hints import with_hints
 from kb.store.tables import parquet
 from kb.store.tables.checksums import library_path
 from kb.store.tables.reading import reading
 from kb.store.tables.remote_files import first_rows, parquet_dataset, reading_at
 
 if TYPE_CHECKING:
+    import datasets
     import pandas
     import polars
 
 _SHOWN = 5  # rows of `head`
 
 
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-def with_hints(function: Callable[P, T]) -> Callable[P, T]:
-    """Adds the hints of a function's errors to tracebacks, which show notes only."""
-
-    @wraps(function)
-    def inner(*args: P.args, **kwargs: P.kwargs) -> T:
-        try:
-            return function(*args, **kwargs)
-        except KbError as error:
-            if error.hint and error.hint not in getattr(error, "__notes__", ()):
-                error.add_note(error.hint)
-            raise
-
-    return inner
-
-
 class RowSet:
     """What tables and query results have in common: everything but the origin of the rows."""
 
-    _shown = _SHOWN  # rows in a notebook
+    _shown = _SHOWN  # rows that are printed, or shown in a notebook
 
     @property
     def schema(self) -> pa.Schema:
         """Names and types of the columns; for a declared table also their meaning."""
         raise NotImplementedError
+
+    @property
+    def columns(self) -> list[str]:
+        """The names of the columns."""
+        return self.schema.names
 
     def to_table(self, columns: Sequence[str] | None = None) -> pa.Table:
         """All rows as a pyarrow.Table, of all or some columns. Raises DamagedData."""
@@ -83,12 +72,18 @@ class RowSet:
 
     @with_hints
     def to_pandas(self, columns: Sequence[str] | None = None) -> pandas.DataFrame:
-        """All rows as a DataFrame. Raises MissingExtra without pandas, DamagedData.
+        """All rows as a DataFrame; integers with nulls stay integers (Int64). Raises MissingExtra
+        without pandas, DamagedData.
 
         data["youtube_videos"].to_pandas(["title", "view_count"]).describe()
         """
         needs("pandas")
-        return self.to_table(columns).to_pandas()
+        rows = self.to_table(columns)
+        frame = rows.to_pandas()
+        for name, column in zip(rows.column_names, rows.columns, strict=True):
+            if column.null_count and pa.types.is_integer(column.type):
+                frame[name] = column.to_pandas(types_mapper=_nullable)
+        return frame
 
     @with_hints
     def to_polars(self, columns: Sequence[str] | None = None) -> polars.DataFrame:
@@ -106,6 +101,52 @@ class RowSet:
         """All rows as dictionaries. Raises DamagedData, FatalError for a time that Python lacks."""
         return _as_dictionaries(self.to_table(columns))
 
+    @with_hints
+    def to_hf(self, columns: Sequence[str] | None = None) -> datasets.Dataset:
+        """All rows as a Dataset of Hugging Face. Raises MissingExtra without `datasets`,
+        DamagedData.
+
+        data.sql("SELECT keyword, video_id FROM pairs").to_hf().train_test_split(0.1)
+        """
+        needs("datasets")
+        import datasets
+
+        return datasets.Dataset(datasets.table.InMemoryTable(self.to_table(columns)))
+
+    def batches(self) -> Iterable[pa.RecordBatch]:
+        """All rows, a batch at a time."""
+        raise NotImplementedError
+
+    @with_hints
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """Each row as a dictionary."""
+        for batch in self.batches():
+            yield from _as_dictionaries(batch)
+
+    @overload
+    def __getitem__(self, place: int) -> dict[str, Any]: ...
+    @overload
+    def __getitem__(self, place: slice) -> QueryResult: ...
+    @overload
+    def __getitem__(self, place: str) -> pa.ChunkedArray[Any]: ...
+    @with_hints
+    def __getitem__(self, place: int | slice | str) -> Any:
+        """A row by its number, rows by a slice, or a column by its name.
+
+        data["pairs"][0]; data["pairs"][10:20].to_pandas(); data["pairs"]["keyword"]
+        """
+        if isinstance(place, str):
+            return self.to_table([place])[place]
+        numbers = range(len(self))
+        if isinstance(place, slice):
+            return QueryResult(self._rows_at(numbers[place]))
+        return _as_dictionaries(self._rows_at(range(numbers[place], numbers[place] + 1)))[0]
+
+    def _rows_at(self, numbers: range) -> pa.Table:
+        """The rows with these numbers."""
+        last = max(numbers, default=-1)
+        return self.head(last + 1).take(pa.array(numbers, pa.int64()))
+
     def __len__(self) -> int:
         return self.count_rows()
 
@@ -115,6 +156,10 @@ class RowSet:
     def _caption(self) -> str:
         columns = html.count(len(self.schema), "column")
         return f"{html.count(self.count_rows(), 'row')}, {columns}"
+
+    def __repr__(self) -> str:
+        width = shutil.get_terminal_size().columns
+        return f"{self._caption()}\n{''.join(as_box(self.head(self._shown).to_reader(), width))}"
 
     def _repr_html_(self) -> str:
         first = self.head(self._shown)
@@ -191,7 +236,7 @@ class TableView(RowSet):
         chosen = None if columns is None else list(columns)
         for name in chosen or ():
             if name not in self.schema.names:
-                near = difflib.get_close_matches(name, self.schema.names, 3)
+                near = similar(name, self.schema.names)
                 raise UsageError(
                     f"{self.name} has no column {name!r}",
                     hint=f"did you mean {' or '.join(near)}?" if near else ".schema lists them",
@@ -203,6 +248,11 @@ class TableView(RowSet):
         """The first rows, without reading the others."""
         with self._reading():
             return first_rows(self.dataset, rows)
+
+    def batches(self) -> Iterable[pa.RecordBatch]:
+        """All rows, a batch at a time. Raises DamagedData."""
+        with self._reading():
+            yield from self.dataset.to_batches()
 
     @with_hints
     def count_rows(self) -> int:
@@ -219,9 +269,6 @@ class TableView(RowSet):
 
     def _caption(self) -> str:
         return f"{self.name}: {self.doc} {super()._caption()}"
-
-    def __repr__(self) -> str:
-        return f"<kb table {self.name}>"
 
 
 class QueryResult(RowSet):
@@ -249,13 +296,9 @@ class QueryResult(RowSet):
         """The number of rows."""
         return int(self._rows.num_rows)
 
-    def __iter__(self) -> Iterator[dict[str, Any]]:
-        """Each row as a dictionary."""
-        for batch in self._rows.to_batches():
-            yield from _as_dictionaries(batch)
-
-    def __repr__(self) -> str:
-        return f"<kb result: {self._caption()}>"
+    def batches(self) -> Iterable[pa.RecordBatch]:
+        """The rows, a batch at a time."""
+        return self._rows.to_batches()
 
 
 class Tables(Mapping[str, TableView]):
@@ -275,9 +318,9 @@ class Tables(Mapping[str, TableView]):
         full = self._short.get(name, name)
         if full in self._full:
             return self._full[full]
-        near = query.similar(name, [*self._short, *self._full])
+        near = similar(name, [*self._short, *self._full])
         raise UnknownTable(
-            f"unknown table {name!r}.{query.did_you_mean(near)}",
+            f"unknown table {name!r}.{did_you_mean(near)}",
             hint="data.tables lists them",
         )
 
@@ -324,6 +367,13 @@ def needs(package: str, *, install: str = "") -> None:
     if find_spec(package) is None:
         install = install or package
         raise MissingExtra(f"{install} is not installed", hint=f"install the package {install}")
+
+
+def _nullable(kind: pa.DataType) -> Any:
+    """pandas' type of integers that may be null."""
+    import pandas
+
+    return pandas.api.types.pandas_dtype(str(kind).replace("i", "I").replace("u", "U"))
 
 
 def _as_dictionaries(rows: pa.Table | pa.RecordBatch) -> list[dict[str, Any]]:

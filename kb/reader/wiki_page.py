@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, cast
 
 import pyarrow as pa
 
-from kb import query
 from kb.artifacts.table_catalog import View
 from kb.core.errors import DamagedData, KbError, UsageError
+from kb.core.suggestions import did_you_mean, similar
 from kb.reader import html
-from kb.reader.tables import OpenTables, QueryResult, needs, with_hints
+from kb.reader.hints import with_hints
+from kb.reader.tables import OpenTables, QueryResult, needs
 from kb.schema.conformity import value_problem
 from kb.schema.tables import table
 from kb.store.damage import DOWNLOAD, missing, open_file, opening, unreadable
@@ -380,7 +381,7 @@ def find(opened: OpenTables, wanted: int | str) -> Page:
     listed = opened.rows(f"SELECT title FROM {ranked[0].full}")["title"].to_pylist()
     titles = cast("list[str]", listed)
     raise UsageError(
-        f"unknown page {wanted!r}.{query.did_you_mean(query.similar(str(wanted), titles))}",
+        f"unknown page {wanted!r}.{did_you_mean(similar(str(wanted), titles))}",
         hint='data["wiki_pages"] lists ids and titles',
     )
 

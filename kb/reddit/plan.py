@@ -14,7 +14,7 @@ from kb.reddit.crawl.ids import Ids, asked_for
 from kb.reddit.crawl.reduce import PAGES, PAYLOADS, is_by_time, listings
 from kb.reddit.crawl.refresh import due, oldest_due
 from kb.reddit.crawl.subreddit import IDS
-from kb.reddit.dumps.files import find_dumps
+from kb.reddit.dumps.find_dumps import find_dumps
 from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.section import RedditSection
 from kb.store.layout import Layout

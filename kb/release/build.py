@@ -5,6 +5,7 @@ release(run)     gate → describe each folder → gate over what was written
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import NotReleasable, ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
-from kb.core.sources import PUBLISHED, made_of
+from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.core.summary import Summary
 from kb.release import folders, provenance
 from kb.release.folders import sample_name
@@ -190,46 +191,59 @@ def write(run: Run, folder: ReleaseFolder, published: MeasuredPublication) -> Fa
         return facts
 
 
-_GROUPS = 5_000  # groups: a sample is for reading
+_SAMPLED = 20  # rows of a sample: it is for reading
+_CANDIDATES = 1_000  # keys among which those that fit are looked for
 
 
 def write_samples(folder: ReleaseFolder, megabytes: float) -> list[Path]:
-    """<table>.sample.json for each table, together at most `megabytes`: a JSON list with a row a
-    line, times in ISO 8601. No Parquet: whoever reads `*.parquet` would have these rows twice.
+    """<table>.sample.json for each table, of at most 20 rows and together at most `megabytes`: a
+    JSON list with a row a line, times in ISO 8601. No Parquet: whoever reads `*.parquet` would have
+    these rows twice.
 
-    The tables of a folder share a column (a page, a post, a video). Its values are taken in the
-    order of their MD5, so that the sample is spread over the data and the same each time.
+    The tables of a folder share a column (a pair, a page, a post). All samples have the same values
+    of it: first those that most of the tables have, in the order of their MD5, so that the sample
+    is spread over the data and the same each time.
     """
     shared = _shared(folder.parts)
-    data = sum(shard.stat().st_size for part in folder.parts for shard in part.shards)
     with database.asking() as con:
-        lead = next((part for part in folder.parts if part.table.key == (shared,)), folder.parts[0])
-        con.execute(
-            f'CREATE TEMP TABLE chosen AS SELECT DISTINCT "{shared}" AS k,'
-            f' md5("{shared}"::VARCHAR) AS h FROM read_parquet(?) ORDER BY h',
-            [[str(shard) for shard in lead.shards]],
-        )
-        total = con.execute("SELECT count(*) FROM chosen").fetchall()[0][0]
-        budget = megabytes * 1e6
-        take = min(_GROUPS, max(1, int(total * min(1.0, 0.8 * budget / max(1, data)))))
+        keys = _fitting(con, folder.parts, shared)
         while True:
-            written = [_sample(con, folder, part, shared, take) for part in folder.parts]
-            size = sum(path.stat().st_size for path in written)
-            if size <= budget or take == 1:
+            written = [_sample(con, folder, part, shared, keys) for part in folder.parts]
+            if sum(path.stat().st_size for path in written) <= megabytes * 1e6 or len(keys) < 2:
                 return written
-            # Few rows compress worse than many: what was too much tells how much is right.
-            take = max(1, min(take - 1, int(take * 0.9 * budget / size)))
+            keys = keys[: len(keys) // 2]
+
+
+def _fitting(con: DuckDBPyConnection, parts: Sequence[ReleasedTable], shared: str) -> list[Any]:
+    """Values of the column, as many as have at most 20 rows in each table, and one at least."""
+    counted = " UNION ALL ".join(
+        f'SELECT {number} AS part, "{shared}" AS key, count(*) AS n FROM read_parquet(${number})'
+        " GROUP BY ALL"
+        for number in range(1, len(parts) + 1)
+    )
+    rows = con.execute(
+        f"SELECT key, map_from_entries(list((part, n))) FROM ({counted}) GROUP BY key"
+        f" ORDER BY count(*) DESC, md5(key::VARCHAR) LIMIT {_CANDIDATES}",
+        [[str(shard) for shard in part.shards] for part in parts],
+    ).fetchall()
+    keys: list[Any] = []
+    totals: Counter[int] = Counter()
+    for key, counts in rows:
+        if all(totals[part] + n <= _SAMPLED for part, n in counts.items()):
+            keys.append(key)
+            totals.update(counts)
+    return keys or [key for key, _ in rows[:1]]
 
 
 def _sample(
-    con: DuckDBPyConnection, folder: ReleaseFolder, part: ReleasedTable, shared: str, take: int
+    con: DuckDBPyConnection, folder: ReleaseFolder, part: ReleasedTable, shared: str, keys: Any
 ) -> Path:
+    by = ", ".join(f'"{name}"' for name in order(part.table))
     rows = con.sql(
-        f'SELECT t.* FROM read_parquet(?) t WHERE t."{shared}" IN (SELECT k FROM chosen'
-        f" ORDER BY h LIMIT {take})",
-        params=[[str(shard) for shard in part.shards]],
+        f'SELECT t.* FROM read_parquet($1) t WHERE t."{shared}" IN (SELECT unnest($2))'
+        f" ORDER BY {by} LIMIT {_SAMPLED}",
+        params=[[str(shard) for shard in part.shards], keys],
     ).to_arrow_table()
-    rows = rows.sort_by([(name, "ascending") for name in order(part.table)])
     path = folder.path / sample_name(part.table)
     columns = [_values(rows[name]) for name in rows.column_names]
     with writing(path) as temporary, temporary.open("wb") as file:
@@ -250,10 +264,15 @@ def _values(column: pa.ChunkedArray[Any]) -> list[Any]:
 
 
 def _shared(parts: tuple[ReleasedTable, ...]) -> str:
-    """The column that all tables of the folder have and that is a key of one;
-    else the first's first key.
+    """The column that is the key of all tables of the folder, else one that all have and that is
+    the key of a source's table; else the first's first key.
     """
-    for name in ("page_id", "post_id", "video_id"):
+    first = parts[0].table.key
+    if len(first) == 1 and all(part.table.key == first for part in parts):
+        return first[0]
+    for name in (
+        table(f"{source}/{short}").key[0] for source in SOURCES for short in SOURCES[source].tables
+    ):
         if all(name in part.table.names(released=True) for part in parts):
             return name
-    return parts[0].table.key[0]
+    return first[0]

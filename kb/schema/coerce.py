@@ -59,16 +59,43 @@ def coerce(
     if kind.item is not None:
         return records(values, kind) if kind.item.fields else lists(values, kind)
     if kind.text.startswith("timestamp"):
-        return unix_times(values) if "number" in types(schema) else times(values)
+        seconds = types(schema) & {"integer", "number"}
+        return unix_times(values) if seconds else times(values)
     if kind.text == "bool":
         return booleans(values, types(schema))
     if kind.text.startswith("int"):
         if schema.get("format") == "duration":
             return durations(values)
-        return integers(values, types(schema))
+        return integers(values, types(schema), schema.get("minimum", -_LARGEST))
     if kind.text.startswith("float"):
         return _each(values, kind.arrow(), a_number)
+    if "integer" in types(schema):
+        return names(values)
     return texts(values, clean=clean)
+
+
+_READ = {
+    "string": {"string", "integer"},
+    "bool": {"boolean", "string"},
+    "int32": {"integer", "string"},
+    "int64": {"integer", "string"},
+    "float32": {"number", "integer"},
+    "float64": {"number", "integer"},
+    "timestamp[us, UTC]": {"string", "integer", "number"},
+}
+
+
+def unreadable(kind: Type, schema: dict[str, Any]) -> str:
+    """Why `coerce` can't read such a column from such a field; "" where it can."""
+    allowed = types(schema) - {"null"}
+    read = _READ.get(kind.text, set())
+    if kind.item is not None:
+        read = {"object"} if kind.item.fields else {"array"} if kind.item.text == "string" else read
+    if not read:
+        return f"a {kind.text} is not read from JSON"
+    if allowed <= read:
+        return ""
+    return f"a {kind.text} is not read from JSON's {', '.join(sorted(allowed - read))}"
 
 
 def json_type(kind: Type, schema: dict[str, Any]) -> pa.DataType | None:
@@ -115,9 +142,16 @@ def texts(values: Values, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
     return column, []
 
 
-def integers(values: Values, allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
-    """Counts: decimal digits in a string and, where the schema allows it, JSON integers;
-    never negative.
+def names(values: Values) -> tuple[pa.Array[Any], Bad]:
+    """Ids that the service writes as JSON integers, or as integers and strings."""
+    if isinstance(values, pa.Array) and pa.types.is_int64(values.type):
+        return values.cast(pa.string()), []
+    return _each(values, pa.string(), _name)
+
+
+def integers(values: Values, allowed: set[str], least: int = 0) -> tuple[pa.Array[Any], Bad]:
+    """Decimal digits in a string, which are never negative, and, where the schema allows it, JSON
+    integers that are not below `least`.
     """
     try:
         if "integer" in allowed and (
@@ -126,7 +160,8 @@ def integers(values: Values, allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
             else not set(map(type, values)) - {int, NoneType}
         ):
             integers = _as_array(values, pa.int64())
-            if (pc.min(integers).as_py() or 0) >= 0:
+            smallest = pc.min(integers).as_py()
+            if smallest is None or smallest >= least:
                 return integers, []
         elif "string" in allowed:
             column = _as_array(values, pa.string())
@@ -135,7 +170,7 @@ def integers(values: Values, allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
                 return column.cast(pa.int64()), []
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError, OverflowError):
         pass
-    return _each(values, pa.int64(), partial(_count, allowed=allowed))
+    return _each(values, pa.int64(), partial(_count, allowed=allowed, least=least))
 
 
 def durations(values: Values) -> tuple[pa.Array[Any], Bad]:
@@ -326,7 +361,13 @@ def a_number(value: Any) -> float:
     return float(value) + 0.0  # no -0.0
 
 
-def _count(value: Any, allowed: set[str]) -> int:
+def _name(value: Any) -> str:
+    if isinstance(value, int) and not isinstance(value, bool):
+        return str(value)
+    return a_text(value)
+
+
+def _count(value: Any, allowed: set[str], least: int) -> int:
     if isinstance(value, str) and "string" in allowed:
         if not (value.isascii() and value.isdigit()):
             raise ValueError
@@ -335,7 +376,7 @@ def _count(value: Any, allowed: set[str]) -> int:
         raise TypeError
     else:
         count = value
-    if not 0 <= count <= _LARGEST:
+    if not least <= count <= _LARGEST:
         raise ValueError
     return count
 

@@ -12,7 +12,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.errors import DamagedData
+from kb.core.errors import DamagedData, SchemaMismatch
 from kb.schema import raw
 from kb.schema.coerce import (
     UNHOLDABLE,
@@ -23,8 +23,9 @@ from kb.schema.coerce import (
     json_type,
     read_json,
     times,
+    unreadable,
 )
-from kb.schema.tables import Table
+from kb.schema.tables import Column, Table
 
 Row = TypeVar("Row")
 
@@ -53,20 +54,36 @@ class ColumnReader:
     """Reads envelopes of one raw kind into the columns of `declared` that come from it.
 
     `note_absent`: whether a null where none may be is a problem (not for answers that may hold
-    an outcome without a row).
+    an outcome without a row). `asked`: the parameters, all of them texts, that the rows of
+    `tables` are given of what was asked.
     """
 
-    def __init__(self, declared: Table, kind: str, *, note_absent: bool = True) -> None:
-        self._note_absent = note_absent
+    def __init__(
+        self,
+        declared: Table,
+        kind: str,
+        *,
+        note_absent: bool = True,
+        asked: tuple[str, ...] = ("id",),
+    ) -> None:
+        self._note_absent, self._asked = note_absent, asked
         every = (*declared.columns, *declared.inputs)
         origins = [(column, origin.path) for column in every if (origin := column.origin(kind))]
         self.columns = [column for column, _ in origins]
         paths = [path for _, path in origins]
-        self._listed = all(path.startswith("items[].") for path in paths)
+        self._schemas = [_schema(declared, kind, column, path) for column, path in origins]
+        lists = {path.partition("[].")[0] if "[]." in path else "" for path in paths}
+        if len(lists) > 1:
+            raise SchemaMismatch(
+                f"schemas/tables/{declared.name}.toml: its columns come from several lists of"
+                f" {kind}: {', '.join(sorted(lists))}",
+                hint="a row is made of one entry of one list",
+            )
+        listed = lists.pop() if len(lists) == 1 else ""
+        self._listed = listed.split(".") if listed else []  # where the records stand
         self._paths = {
-            column.name: path.removeprefix("items[].").split(".") for column, path in origins
+            column.name: path.removeprefix(f"{listed}[].").split(".") for column, path in origins
         }
-        self._schemas = [raw.at(f"{declared.source}/{kind}", path) or {} for path in paths]
         self._shape = self._json_shape()
 
     def answer(self, line: bytes) -> DecodedAnswer:
@@ -90,7 +107,7 @@ class ColumnReader:
         """The answer of a decoded envelope that was recorded, so that Arrow can hold it."""
         records: list[Any] = [response]
         if self._listed:
-            items = response.get("items") if isinstance(response, dict) else None
+            items = _follow(response, self._listed)
             listed = items if isinstance(items, list) else []
             records = [item for item in listed if isinstance(item, dict)]
         return DecodedAnswer(fetched_at, params, status, records)
@@ -121,7 +138,11 @@ class ColumnReader:
         if made is not None:
             return made
         answers = [one for line in lines if (one := self.answer(line)).status == 200]
-        return self.table(answers), rows_of(answers)
+        rows = [
+            AnswerRows(one.fetched_at, _given(one.params, self._asked), len(one.records))
+            for one in answers
+        ]
+        return self.table(answers), rows
 
     def _json_shape(self) -> pa.Schema | None:
         """The fields of an envelope that Arrow has to read, None where it can't."""
@@ -135,8 +156,11 @@ class ColumnReader:
             if inside[last] is None:
                 return None
         record = _struct(fields)
-        asked: pa.DataType = pa.struct([("params", pa.struct([("id", pa.string())]))])
-        response = pa.struct([("items", pa.list_(record))]) if self._listed else record
+        params: pa.DataType = pa.struct([(name, pa.string()) for name in self._asked])
+        asked: pa.DataType = pa.struct([("params", params)])
+        response: pa.DataType = pa.list_(record) if self._listed else record
+        for step in reversed(self._listed):
+            response = pa.struct([(step, response)])
         parts: list[tuple[str, pa.DataType]] = [("fetched_at", pa.string()), ("status", pa.int64())]
         return pa.schema([*parts, ("request", asked), ("response", response)])
 
@@ -149,7 +173,7 @@ class ColumnReader:
         records: Any = read["response"].combine_chunks()
         sizes: Any = pa.repeat(1, read.num_rows)
         if self._listed:
-            listed = _field(records, "items")
+            listed = reduce(_field, self._listed, records)
             sizes, records = pc.fill_null(pc.list_value_length(listed), 0), pc.list_flatten(listed)
             if records.null_count:
                 return None
@@ -159,11 +183,11 @@ class ColumnReader:
                 if (lists := in_lists(values[n], one.parsed)) is None:
                     return None
                 values[n] = lists
-        ids = reduce(_field, ("params", "id"), read["request"].combine_chunks()).to_pylist()
+        params = _field(read["request"].combine_chunks(), "params").to_pylist()
         answers = [
-            AnswerRows(at, {} if asked is None else {"id": asked}, size)
+            AnswerRows(at, _given(asked or {}, self._asked), size)
             for at, asked, size in zip(
-                read["fetched_at"].to_pylist(), ids, sizes.to_pylist(), strict=True
+                read["fetched_at"].to_pylist(), params, sizes.to_pylist(), strict=True
             )
         ]
         return self._columns(values, answers), answers
@@ -186,9 +210,26 @@ class ColumnReader:
         return pa.table(data)
 
 
+def _schema(declared: Table, kind: str, column: Column, path: str) -> dict[str, Any]:
+    """The schema of the field that a column is read from. Raises SchemaMismatch where a
+    `ColumnReader` can't read it.
+    """
+    schema = raw.at(f"{declared.source}/{kind}", path)
+    why = "" if schema is not None else f"schemas/raw/{declared.source}/{kind}.json has no {path}"
+    if path.count("[") > 1:
+        why = f"{path} is in a list within a list"
+    if why := why or unreadable(column.parsed, schema or {}):
+        raise SchemaMismatch(f"schemas/tables/{declared.name}.toml: column {column.name}: {why}")
+    return schema or {}
+
+
 def rows_of(answers: Iterable[DecodedAnswer]) -> list[AnswerRows]:
     """The same answers without what their rows are made of."""
     return [AnswerRows(one.fetched_at, one.params, len(one.records)) for one in answers]
+
+
+def _given(params: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: params[name] for name in names if params.get(name) is not None}
 
 
 def _struct(fields: dict[str, Any]) -> pa.DataType:

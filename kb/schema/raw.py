@@ -11,22 +11,23 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.errors import SchemaMismatch, UsageError
-from kb.core.installation import folder
+from kb.core.sources import SCHEMA_FOLDERS
 
 _FREE: dict[str, Any] = {"additionalProperties": True}
 
 
 def kinds() -> list[str]:
     """Every declared kind, "<source>/<kind>"."""
-    root = folder("schemas") / "raw"
-    return sorted(f"{path.parent.name}/{path.stem}" for path in root.glob("*/*.json"))
+    paths = (path for root in SCHEMA_FOLDERS for path in (root / "raw").glob("*/*.json"))
+    return sorted(f"{path.parent.name}/{path.stem}" for path in paths)
 
 
 @cache
 def raw(kind: str) -> dict[str, Any]:
     """The JSON Schema of a kind. Raises UsageError that names the known ones."""
-    path = folder("schemas") / "raw" / f"{kind}.json"
-    if not path.is_file():
+    paths = (root / "raw" / f"{kind}.json" for root in SCHEMA_FOLDERS)
+    path = next(filter(Path.is_file, paths), None)
+    if path is None:
         raise UsageError(f"no raw kind {kind!r} in schemas/", hint=f"known: {', '.join(kinds())}")
     return _read(path)
 

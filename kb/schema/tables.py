@@ -25,8 +25,7 @@ from msgspec import Meta
 
 from kb.core.cached_property import cached_property
 from kb.core.errors import SchemaMismatch, UsageError
-from kb.core.installation import folder
-from kb.core.sources import SOURCES
+from kb.core.sources import SCHEMA_FOLDERS, SOURCES
 
 Text = Annotated[str, Meta(pattern=r"\S")]
 Line = Annotated[str, Meta(pattern=r"^[^\n]*\S[^\n]*$")]
@@ -199,9 +198,9 @@ def _arrow(declared: Table, released: bool) -> pa.Schema:
 @cache
 def tables() -> dict[str, Table]:
     """Every declared table by name, in the order of their names."""
-    root = folder("schemas") / "tables"
     tables_by_name = {}
-    for path in sorted(root.glob("*/*.toml")):
+    paths = (path for root in SCHEMA_FOLDERS for path in (root / "tables").glob("*/*.toml"))
+    for path in sorted(paths, key=lambda path: (path.parent.name, path.stem)):
         declared = load_table(path)
         expected = f"{path.parent.name}/{path.stem}"
         if declared.name != expected:

@@ -15,6 +15,7 @@ from kb.artifacts import index, manifest, texts
 from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
+from kb.core.suggestions import similar
 from kb.search.passage import Passage
 from kb.search.query import clean
 from kb.search.ranking import IndexedTerm, Only, Ranked, Weights, rank, understood
@@ -272,7 +273,7 @@ def entity(root: Path, name: str) -> str:
     forms = {alias: str(row["entity"]) for row in rows for alias in row["aliases"]}
     if match := names.get(wanted) or forms.get(wanted):
         return match
-    near = get_close_matches(wanted, [*names, *forms], n=3, cutoff=0.6)
+    near = similar(wanted, [*names, *forms])
     listed = dict.fromkeys(names.get(one) or forms[one] for one in near)
     hint = f"did you mean {' or '.join(listed)}?" if listed else ""
     lists = '`kb query "SELECT entity FROM links.entities"` lists them'

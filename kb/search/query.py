@@ -30,6 +30,12 @@ _ASKING = {
     "build", "building", "craft", "crafting", "difference", "easiest", "easily", "explain", "fast",
     "fastest", "finding", "guide", "happen", "list", "recipe", "tips", "tutorial", "type", "types",
 }  # fmt: skip
+# Words that the list has as well, and that say which thing is meant.
+_MEANT = {
+    "big", "biggest", "first", "good", "great", "high", "higher", "last", "long", "longest", "new",
+    "newer", "newest", "old", "older", "oldest", "small", "smaller", "smallest", "way", "ways",
+    "young",
+}  # fmt: skip
 _LISTED_AS = {"nn": "nb", "no": "nb"}  # language codes as the package stop-words has them
 
 
@@ -41,7 +47,8 @@ def function_words(language: str) -> frozenset[str]:
     code = language.partition("-")[0].lower()
     code = _LISTED_AS.get(code, code)
     listed = get_stop_words(code) if code in LANGUAGE_MAPPING else []
-    return frozenset(part for word in listed for part in re.findall(r"\w+", word.lower()))
+    parts = {part for word in listed for part in re.findall(r"\w+", word.lower())}
+    return frozenset(parts - _MEANT)
 
 
 class Term(NamedTuple):

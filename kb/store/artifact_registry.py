@@ -12,10 +12,10 @@ folder (kb.artifacts.manifest). They follow from the sources (kb.core.sources), 
 needs no line here.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.schema.tables import tables
@@ -42,7 +42,15 @@ _SETTINGS = {
     "tasks": ("tasks", "youtube.topic_keywords", "keywords", "pairs.include"),
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
-_RULES = {"clean/youtube": 4, "clean/reddit": 3, "pairs": 8, "tasks": 2, "links": 2}
+_RULES = {
+    "clean/youtube": 4,
+    "clean/reddit": 3,
+    "pairs": 8,
+    "tasks": 2,
+    "links": 2,
+    "export/text": 2,
+}
+CHUNKS = "-chunks.jsonl"  # the end of an export's name with `--chunk-tokens`
 _KEPT_FILES = {"pairs": ("measures.json",)}  # figures of samples that cost requests
 
 
@@ -149,7 +157,7 @@ def _declared() -> Iterator[Artifact]:
     for name in PUBLISHED:
         for export in PUBLISHED[name].exports:
             format_ = export.partition("/")[0]
-            yield Artifact(
+            made = Artifact(
                 f"export/{export}",
                 _released_inputs(name),
                 f"{_command(name, 'export')} --format {format_}",
@@ -157,8 +165,15 @@ def _declared() -> Iterator[Artifact]:
                 maker=Maker(name, "export", (*_own_name(name), format_)),
                 public=True,
                 settings=("name",),
-                rules=2 if format_ == "text" else 1,
+                rules=_RULES.get(f"export/{format_}", 1),
             )
+            yield made
+            if format_ == "text":
+                yield replace(
+                    made,
+                    name=made.name.removesuffix(".jsonl") + CHUNKS,
+                    command=f"{made.command} --chunk-tokens N",
+                )
     yield Artifact(
         RELEASE,
         tuple(f"release/{name}" for name in PUBLISHED),
@@ -248,6 +263,20 @@ def _released_inputs(name: str) -> tuple[str, ...]:
 
 
 ARTIFACTS: dict[str, Artifact] = {one.name: one for one in _declared()}
+
+
+def exports_in(layout: str, name: str, options: Mapping[str, Any]) -> list[str]:
+    """The artifacts that an export of what is published under `name` writes in a layout other than
+    Parquet: with `chunk_tokens` the chunks alone, else all but these.
+    """
+    return [
+        artifact.name
+        for artifact in ARTIFACTS.values()
+        if artifact.name.startswith(f"export/{layout}")
+        and artifact.maker is not None
+        and artifact.maker.recipe == name
+        and artifact.name.endswith(CHUNKS) == bool(options.get("chunk_tokens"))
+    ]
 
 
 def artifact_of(path: Path) -> tuple[Path, Artifact] | None:

@@ -14,12 +14,13 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import NOTHING_NEW, PlanPhase, to_read
 from kb.core.summary.plan import plan as make_plan
+from kb.crawl.share import Part, share
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import reading
 from kb.youtube.crawl import quota
 from kb.youtube.crawl.fetch import PACK
-from kb.youtube.crawl.ids import RULES, Part, share
+from kb.youtube.crawl.ids import RULES
 from kb.youtube.crawl.reduce import (
     CHANNELS,
     PAYLOADS,

@@ -35,7 +35,6 @@ NOT_FOR_HELP = (
     "detoxify",
     "zstandard",
     "orjson",
-    "msgspec",
     "werkzeug",
 )
 

@@ -101,11 +101,10 @@ def test_status_advises_nothing_that_needs_a_key_of_reddit_where_there_is_none(
 ) -> None:
     later = {"KB_NOW": "2027-06-01T00:00:00Z"}  # what was read is too old by then
     key = {"REDDIT_CLIENT_ID": "an-id", "REDDIT_CLIENT_SECRET": "a-secret"}
+    root = shutil.copytree(stored, tmp_path / "copy")  # whose missing state it replays
     steps = {}
     for name, env in (("none", later), ("key", {**later, **key})):
-        steps[name] = json.loads(here("status", "--json", "--data", str(stored), env=env).out)[
-            "next"
-        ]
+        steps[name] = json.loads(here("status", "--json", "--data", str(root), env=env).out)["next"]
     assert any("refresh reddit" in step for step in steps["key"])
     assert not any("refresh reddit" in step for step in steps["none"])
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from kb.cli.framework.options import Bars
 from kb.core import terminal
-from kb.query.formats import write
+from kb.query.formats import write_answer
 
 HOSTILE = "a\x1b]0;t\x07\x9b31m\u202eb\r\nkb: all is well\u2028c\ud800"
 
@@ -82,7 +82,7 @@ def test_an_answer_on_a_terminal_and_in_a_pipe(
 ) -> None:
     def printed(stream: io.StringIO) -> str:
         monkeypatch.setattr(sys, "stdout", stream)
-        write(pa.table({TEXT: [TEXT]}).to_reader(), format, None)
+        write_answer(pa.table({TEXT: [TEXT]}).to_reader(), format, None)
         return stream.getvalue()
 
     shown, piped = printed(Terminal()), printed(io.StringIO())

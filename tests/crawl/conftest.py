@@ -8,7 +8,7 @@ import pytest
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from tests.fourth.service import Service, serving
+from tests.crawl.service import Service, serving
 
 
 @pytest.fixture

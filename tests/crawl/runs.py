@@ -10,8 +10,8 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.store.rawlog import rawlog
-from tests.fourth.feed.connector import FeedConnector
-from tests.fourth.service import Service
+from tests.crawl.feed import FeedConnector
+from tests.crawl.service import Service
 
 
 def summary(session: CrawlSession, loop: Loop) -> Summary:

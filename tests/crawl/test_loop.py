@@ -21,9 +21,9 @@ from kb.crawl.job import work
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 from tests import processes
+from tests.crawl.feed import NOTES, PAGES, FeedConnector
 from tests.crawl.runs import crawl, summary, texts
-from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
-from tests.fourth.service import Service, serving
+from tests.crawl.service import Service, serving
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -9,9 +9,9 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Blocked
 from kb.crawl.job import work
+from tests.crawl.feed import NOTES, PAGES, FeedConnector
 from tests.crawl.runs import crawl, summary, wait_until
-from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
-from tests.fourth.service import Service
+from tests.crawl.service import Service
 
 
 def test_after_a_block_one_request_finds_out(run: Run, service: Service) -> None:

@@ -15,10 +15,10 @@ from kb.crawl.connector import Phase
 from kb.crawl.job import work
 from kb.crawl.session import open_session
 from kb.store.state.frontier import Item
+from tests.crawl.feed import NOTES, PAGES, FeedConnector
 from tests.crawl.runs import crawl
+from tests.crawl.service import Service, serving
 from tests.crawl.test_loop import Batches, summary
-from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
-from tests.fourth.service import Service, serving
 
 
 def test_one_writer_and_one_feed_a_root(run: Run, service: Service) -> None:

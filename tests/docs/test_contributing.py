@@ -21,7 +21,7 @@ from kb.store.layout import Layout
 from kb.store.tables.shard_writer import write_table
 
 ROOT = Path(__file__).resolve().parents[2]
-GUIDES = ("CONTRIBUTING.md", "schemas/WRITING.md", "docs/architecture.md")
+GUIDES = ("CONTRIBUTING.md", "schemas/WRITING.md", "docs/architecture.md", "docs/new-source.md")
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
@@ -102,3 +102,13 @@ def resolved(name: str) -> bool:
             value = getattr(value, part, None)
         return value is not None
     return False
+
+
+def test_new_source_shows_the_package_that_is_tested() -> None:
+    guide = (ROOT / "docs/new-source.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^`([\w./]+)`:\n\n```\w+\n(.*?)\n```$", guide, re.MULTILINE | re.DOTALL)
+    assert len(shown) == guide.count("```python") + guide.count("```toml") + guide.count("```json")
+    assert len(shown) >= 10
+    for name, block in shown:
+        text = (ROOT / "tests/fourth/package" / name).read_text(encoding="utf-8")
+        assert f"{block}\n" in text, name

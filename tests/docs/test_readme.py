@@ -3,6 +3,7 @@ what needs a real service is at least a real command.
 """
 
 import doctest
+import json
 import os
 import re
 import shlex
@@ -13,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from kb.cli.app import TREE
+from kb.explore import overview
+from kb.explore.tables import CurrentTables
 from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.cli.test_app import COMMANDS
@@ -67,6 +70,34 @@ def test_the_python_block_is_a_session_that_was_run(
     doctest.DocTestRunner().run(test, out=said.append)
     assert not said, "".join(said)
     assert (demo / "saltstone.png").is_file()
+
+
+def test_a_number_that_is_shown_twice_is_the_same(demo: Path) -> None:
+    """By report, explore, status, the filters' summaries, the cards, and README's pictures."""
+    root = demo / "data" / "demo"
+    page = (root / "report" / "index.html").read_text(encoding="utf-8")
+    report = {what: n for n, what in re.findall(r"<div><b>([^<]+)</b>([^<]+)</div>", page)}
+    explore = {noun: n for n, noun in overview.read(CurrentTables(root), {})["totals"]}
+    assert explore.keys() == report.keys()
+    for noun, n in report.items():
+        exact = float(explore[noun].replace(",", ""))
+        shown = float(n.replace(",", "").removesuffix("k")) * (1000 if n.endswith("k") else 1)
+        assert shown == pytest.approx(exact, abs=50 if n.endswith("k") else 0), noun
+    words = ["status", "--json", "--data", str(root)]
+    done = processes.run(words, env=clean_environment(), cwd=demo)
+    about = json.loads(done.stdout.splitlines()[-1])
+    for source, facts in about["sources"].items():
+        made = json.loads((root / "clean" / source / "summary.json").read_text(encoding="utf-8"))
+        card = (root / "release" / source / "README.md").read_text(encoding="utf-8")
+        for table, n in facts["released"].items():
+            assert made["tables"][f"{source}/{table}"] == facts["rows"][table] == n
+            assert f" {n:,} rows, " in card
+            assert explore.get(table, f"{n:,}") == f"{n:,}"
+    assert explore["video-text pairs"] == f"{about['pairs']['clean']:,}"
+    (pictured,) = re.findall(r"totals from ([\d,]+) videos to ([\d,]+) mentions", TEXT)
+    thousands = f"{float(report['mentions'].removesuffix('k')) * 1000:,.0f}"
+    assert pictured == (report["videos"], thousands)
+    assert f" of {report['videos']} videos are kept" in TEXT
 
 
 def test_commands_that_are_only_shown_exist() -> None:

@@ -128,6 +128,7 @@ def trace(here: Here, tmp_path: Path) -> Trace:
     profile = tmp_path / "profile" / "profile.toml"
     text = profile.read_text(encoding="utf-8")
     profile.write_text(text.replace('toxicity = "on"', 'toxicity = "off"'), encoding="utf-8")
+    here("status", "--data", str(root), "--profile", str(profile))  # which replays the state
     trace = Trace()
     for words in (("filter", "--workers", "1"), ("export",)):
         with trace.on():

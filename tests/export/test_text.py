@@ -245,10 +245,10 @@ def test_options_of_chunks_are_kept_and_asked_for_with_text_only(
     run = run_at(root)
     made = export(run, "reddit", "text", chunk_tokens=40)
     assert made["tokens"] == "words × 1.3, as are signs of scripts without spaces"
-    before = lines(root, "reddit")
+    before = lines(root, "reddit-chunks")
     assert {"document", "chunk", "chunks"} <= set(before[0]["metadata"])
-    make_artifact(run, "export/text/reddit.jsonl")  # as a purge does
-    assert lines(root, "reddit") == before
+    make_artifact(run, "export/text/reddit-chunks.jsonl")  # as a purge does
+    assert lines(root, "reddit-chunks") == before
     with pytest.raises(SettingError, match="can't be read"):
         export(run, "reddit", "text", chunk_tokens=40, tokenizer=str(root / "none"))
     for arguments, words in (
@@ -257,6 +257,31 @@ def test_options_of_chunks_are_kept_and_asked_for_with_text_only(
     ):
         done = here("reddit", "export", "--data", str(root), *arguments)
         assert (done.code, words in done.err) == (2, True), done.err
+
+
+@pytest.mark.parametrize("source", ["reddit", "wiki"])
+def test_documents_and_their_chunks_are_files_of_their_own(
+    tmp_path: Path, run_at: Any, source: str
+) -> None:
+    run = run_at(root := build(tmp_path / "data", sources=(source,)))
+    plain, chunked = (f"export/text/{source}{end}" for end in (".jsonl", "-chunks.jsonl"))
+    assert {name for name in freshness.graph(run, ["text"]) if name.startswith("export/")} == {
+        plain
+    }
+    export(run, source, "text")
+    documents = lines(root, source)
+    export(run, source, "text", chunk_tokens=40)
+    assert lines(root, source) == documents
+    assert {one["metadata"]["document"] for one in lines(root, f"{source}-chunks")} == {
+        one["id"] for one in documents
+    }
+    for name in (plain, chunked):  # a build looks after both, each with its own options
+        assert name in freshness.graph(run, ["text"])
+        assert freshness.reasons(run, name) == []
+        before = (root / name).read_bytes()
+        (root / name).unlink()
+        make_artifact(run, name)
+        assert (root / name).read_bytes() == before
 
 
 STAYS = """seed -4172144997902289642, Seed: 146008555100680

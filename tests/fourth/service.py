@@ -1,4 +1,4 @@
-"""The feed's service on loopback, with faults that a test plants."""
+"""A site of questions and answers on loopback: pages, batches, a key, a quota a day."""
 
 import json
 import threading
@@ -6,56 +6,76 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+KEY = "the-key-of-the-site"
+PAGE, MOST = 4, 20  # entries of a page, keys of a request
 
 
-class Service:
-    """`asked` counts requests by path; `fault` answers instead: (status, headers), or None."""
+class Site:
+    """Questions 101, 102 … with two answers each, 1011 and 1012; `scores` are -2, -1, 0, 1 ….
 
-    def __init__(self, notes: int, page: int) -> None:
-        self.page = page
-        self.ids = [f"n{number:03d}" for number in range(notes)]
+    `asked` counts requests by path; `fault` may answer with a status instead.
+    """
+
+    def __init__(self, questions: int) -> None:
+        self.ids = list(range(101, 101 + questions))
+        self.deleted: set[int] = set()
         self.asked: Counter[str] = Counter()
-        self.fault: Callable[[str], tuple[int, dict[str, str]] | None] = lambda path: None
+        self.fault: Callable[[str], int | None] = lambda path: None
         self.root = ""
 
-    def answer(self, path: str) -> tuple[int, dict[str, str], bytes]:
-        """Status, headers and body of one request."""
-        self.asked[path] += 1
-        planted = self.fault(path)
-        if planted is not None:
-            status, headers = planted
-            return status, headers, headers.get("X-Body", "{}").encode()
-        if path.startswith("/notes?page="):
-            number = int(path.rpartition("=")[2])
-            ids = self.ids[(number - 1) * self.page : number * self.page]
-            following = number + 1 if number * self.page < len(self.ids) else None
-            return (
-                200,
-                {},
-                json.dumps({"notes": [{"id": one} for one in ids], "next": following}).encode(),
-            )
-        key = path.rpartition("/")[2]
-        body = {
-            "id": key,
-            "text": f"the text of {key}",
-            "likes": int(key[1:] or 0) if key[1:].isdigit() else 0,
-        }
-        return (200, {}, json.dumps(body).encode()) if key in self.ids else (404, {}, b"{}")
+    def answer(self, address: str) -> tuple[int, Any]:
+        """Status and body."""
+        url = urlsplit(address)
+        query = {name: values[-1] for name, values in parse_qs(url.query).items()}
+        self.asked[url.path] += 1
+        if (planted := self.fault(url.path)) is not None:
+            return planted, {"error": "planted"}
+        if query.get("key") != KEY:
+            return 403, {"error": "a wrong key"}
+        parts = url.path.strip("/").split("/")
+        there = [one for one in self.ids if one not in self.deleted]
+        if parts[1:]:
+            wanted = list(map(int, parts[1].split(";")))
+            if len(wanted) > MOST:
+                return 400, {"error": "too many ids"}
+            there = [one for one in there if one in wanted]
+        entries = [self._question(one) for one in there]
+        if parts[2:] == ["answers"]:
+            entries = [entry for one in there for entry in self._answers(one)]
+        elif parts[1:]:
+            return 200, {"items": entries, "has_more": False}
+        first = (int(query.get("page", "1")) - 1) * PAGE
+        more = first + PAGE < len(entries)
+        return 200, {"items": entries[first : first + PAGE], "has_more": more}
+
+    def _question(self, key: int) -> dict[str, Any]:
+        title = f"How is thing {key} made?"
+        numbers = {"question_id": key, "score": key - 103, "creation_date": 1_700_000_000 + key}
+        return {**numbers, "title": title, "body": f"I have no idea how to make thing {key}."}
+
+    def _answers(self, key: int) -> list[dict[str, Any]]:
+        return [
+            {"answer_id": key * 10 + n, "question_id": key, "score": 3 - 4 * n, "body": body}
+            for n, body in enumerate((f"Thing {key} needs a furnace.", "Nobody knows."))
+        ]
 
 
 @contextmanager
-def serving(notes: int, page: int = 3) -> Iterator[Service]:
-    """The service with so many notes, so many a page, until the block ends."""
-    service = Service(notes, page)
+def serving(questions: int) -> Iterator[Site]:
+    """The site with so many questions until the block ends."""
+    site = Site(questions)
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            status, headers, body = service.answer(self.path)
+            status, body = site.answer(self.path)
+            data = json.dumps(body).encode()
             self.send_response(status)
-            for name, value in {**headers, "Content-Length": str(len(body))}.items():
-                self.send_header(name, value)
+            self.send_header("Content-Length", str(len(data)))
             self.end_headers()
-            self.wfile.write(body)
+            self.wfile.write(data)
 
         def log_message(self, format: str, *values: object) -> None:
             """Nothing to tell."""
@@ -63,9 +83,9 @@ def serving(notes: int, page: int = 3) -> Iterator[Service]:
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
     thread.start()
-    service.root = f"http://127.0.0.1:{server.server_port}"
+    site.root = f"http://127.0.0.1:{server.server_port}"
     try:
-        yield service
+        yield site
     finally:
         server.shutdown()
         server.server_close()

@@ -1,59 +1,41 @@
-"""A fourth source is one folder, its schemas and one name among the sources.
+"""A fourth source is a package of its own, and nothing of Lorecrawl is edited for it.
 
-The test adds them to a copy of the project and takes the source through every command.
+The test installs tests/fourth/package and takes its source through every command.
 """
 
 import json
+import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pyarrow.dataset as ds
 import pytest
+from anyio.from_thread import start_blocking_portal
 
 from tests.cli.conftest import clean_environment
-from tests.fourth.service import Service, serving
+from tests.fourth.service import KEY, Site, serving
 
-ROOT, HERE = Path(__file__).resolve().parents[2], Path(__file__).resolve().parent
+PACKAGE = Path(__file__).resolve().parent / "package"
 PROFILE = """
-name = "notes"
-title = "Notes"
-[feed]
+name = "things"
+title = "Things"
+toxicity = "off"
+[qanda]
 url = "{url}"
-min_likes = 3
+units_per_day = {units}
 [pairs]
-include = ["n007", "text"]
+include = ["thing 107"]
 [release]
-contact = "me@notes.org.uk"
+contact = "me@things.org.uk"
 creators = [{{ name = "Someone" }}]
 """
-
-
-@pytest.fixture(scope="module")
-def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project with the fourth source."""
-    place = tmp_path_factory.mktemp("project")
-    for name in ("kb", "schemas", "pipelines", "data/profiles"):
-        shutil.copytree(ROOT / name, place / name)
-    shutil.copytree(HERE / "feed", place / "kb/feed")
-    shutil.copytree(HERE / "schemas", place / "schemas", dirs_exist_ok=True)
-    sources = place / "kb/core/sources.py"
-    text = f"from kb.feed.source import Feed\n{sources.read_text()}"
-    sources.write_text(text.replace("YouTube, Wiki, Reddit)", "YouTube, Wiki, Reddit, Feed)"))
-    return place
-
-
-@pytest.fixture(scope="module")
-def service() -> Iterator[Service]:
-    """Ten notes on four pages."""
-    with serving(10) as running:
-        yield running
-
-
-Kb = Callable[..., list[dict[str, Any]]]
 # Importing kb takes most of the time of a command: one process runs several.
 COMMANDS = """
 import json, sys
@@ -67,73 +49,248 @@ for words in json.loads(sys.argv[1]):
 """
 
 
+def install(place: Path, package: Path = PACKAGE) -> Path:
+    """The folder with the installed package, from its own folder alone."""
+    options = [
+        "-q",
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-index",
+        "--disable-pip-version-check",
+    ]
+    copied = shutil.copytree(package, place / "copy")
+    words = [sys.executable, "-m", "pip", "install", *options, "--target", str(place / "site")]
+    subprocess.run([*words, str(copied)], check=True)
+    return place / "site"
+
+
 @pytest.fixture(scope="module")
-def kb(project: Path, service: Service) -> Kb:
-    """Run commands of the copy on its data root; their summaries."""
-    profile = project / "notes.toml"
-    profile.write_text(PROFILE.format(url=service.root))
-    options = ["--data", "data/root", "--json", "--profile", str(profile)]
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return install(tmp_path_factory.mktemp("package"))
 
-    def run(*commands: str) -> list[dict[str, Any]]:
+
+class Place:
+    """A folder with a data root, where commands of the installed source run."""
+
+    def __init__(self, folder: Path, installed: Path, site: Site) -> None:
+        self.folder, self.root, self.site = folder, folder / "root", site
+        self.environment = {**clean_environment(), "PYTHONPATH": str(installed), "QANDA_KEY": KEY}
+        self.profile()
+
+    def profile(self, units: int = 300) -> None:
+        text = PROFILE.format(url=self.site.root, units=units)
+        (self.folder / "profile.toml").write_text(text)
+
+    def start(
+        self, *commands: str, root: str = "root", **environment: str
+    ) -> "subprocess.Popen[str]":
         words = json.dumps([command.split() for command in commands])
-        done = subprocess.run(
+        options = ["--data", root, "--json", "--profile", "profile.toml"]
+        return subprocess.Popen(
             [sys.executable, "-c", COMMANDS, words, *options],
-            cwd=project,
-            env={**clean_environment(), "PYTHONPATH": str(project)},
-            capture_output=True,
+            cwd=self.folder,
+            env=self.environment | environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
-            check=False,
         )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
-    return run
+    def fails(self, command: str, **environment: str) -> tuple[int, str]:
+        """The exit code of a command, and its last line."""
+        process = self.start(command, **environment)
+        _, errors = process.communicate(timeout=120)
+        return process.returncode, errors.strip().splitlines()[-1]
+
+    def run(self, *commands: str, root: str = "root") -> list[dict[str, Any]]:
+        """The summaries of commands that all end well."""
+        process = self.start(*commands, root=root)
+        out, errors = process.communicate(timeout=120)
+        assert process.returncode == 0, out + errors
+        return [json.loads(line) for line in out.splitlines() if line.startswith("{")]
+
+    def python(self, code: str) -> str:
+        """What code prints in a process that has the package."""
+        words = [sys.executable, "-c", code]
+        return subprocess.run(
+            words, cwd=self.folder, env=self.environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    def released(self, table: str) -> list[str]:
+        """The keys of a released table."""
+        shards = sorted((self.root / "release/qanda").glob(f"{table}-*.parquet"))
+        return [str(key) for key in ds.dataset(shards).to_table()[f"{table[:-1]}_id"].to_pylist()]
 
 
-def released(project: Path) -> list[str]:
-    """The notes that are published."""
-    folder = project / "data/root/release/feed"
-    rows = ds.dataset(sorted(folder.glob("notes-*.parquet"))).to_table()
-    assert rows.column_names == ["note_id", "likes", "fetched_at"]
-    return [str(key) for key in rows["note_id"].to_pylist()]
+Make = Callable[[int], Place]
 
 
-def test_from_crawl_to_purge(project: Path, kb: Kb) -> None:
-    """crawl → filter → export → links → search → report → release → status → purge."""
-    lines = sum(
-        len(path.read_text().splitlines())
-        for folder in (HERE / "feed", HERE / "schemas")
-        for path in folder.rglob("*.*")
-        if path.suffix in (".py", ".toml", ".json")
+@pytest.fixture
+def place(tmp_path: Path, installed: Path) -> Iterator[Place]:
+    """A place with a site of ten questions."""
+    with serving(10) as site:
+        yield Place(tmp_path, installed, site)
+
+
+def lines(pattern: str) -> int:
+    """Lines of the package's files that are not blank."""
+    texts = (path.read_text() for path in PACKAGE.rglob(pattern) if "build" not in path.parts)
+    return sum(bool(line.strip()) for text in texts for line in text.splitlines())
+
+
+def test_the_package_is_small() -> None:
+    about = sum(lines(name) for name in ("about.toml", "pyproject.toml"))
+    assert lines("*.py") <= 180
+    assert lines("*.toml") - about + lines("*.json") <= 120
+
+
+def test_a_crawl_keeps_to_key_and_quota_and_resumes(place: Place) -> None:
+    code, line = place.fails("qanda crawl", QANDA_KEY="")
+    assert (code, "QANDA_KEY is not set" in line) == (2, True)
+    assert not place.site.asked
+    code, line = place.fails("qanda crawl", QANDA_KEY="some-other-secret")
+    assert (code, "refuses the key" in line, "some-other" in line) == (1, True, False)
+    place.profile(units=5)  # one is spent
+    code, line = place.fails("qanda crawl")
+    assert (code, "quota of 5 units a day is spent" in line) == (3, True)
+    assert place.site.asked.total() == 5
+    place.profile()
+    (crawled,) = place.run("qanda crawl")
+    assert (crawled["pending"], crawled["left"], place.site.asked.total()) == (0, 0, 12)
+
+
+def test_a_killed_crawl_goes_on(place: Place) -> None:
+    asked, go_on = threading.Event(), threading.Event()
+
+    def waits(path: str) -> None:
+        if path.endswith("/answers"):
+            asked.set()
+            go_on.wait(60)
+
+    place.site.fault = waits
+    process = place.start("qanda crawl")
+    assert asked.wait(60)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    go_on.set()
+    place.site.fault = lambda path: None
+    before = place.site.asked["/questions"]
+    place.run("qanda crawl")
+    assert place.site.asked["/questions"] in (3, before + 3 - before % 3)
+    (filtered,) = place.run("qanda filter")
+    assert (filtered["kept"], filtered["rejected"]) == (16, 14)
+
+
+def test_from_crawl_to_purge(place: Place) -> None:
+    """crawl → build → read → refresh → purge → update."""
+    planned, crawled, *_ = place.run("qanda crawl --plan", "qanda crawl", "build")
+    assert (planned["requests"], crawled["crawled"], crawled["units"]) == (1, 10, 11)
+    kept = [str(key) for key in range(103, 111)]
+    assert place.released("questions") == kept
+    assert place.released("answers") == [f"{key}0" for key in kept]  # others have negative scores
+    card = (place.root / "release/qanda/README.md").read_text()
+    assert "Questions about Things and their answers" in card
+    croissant = json.loads((place.root / "release/qanda/croissant.json").read_text())
+    assert {"questions", "answers"} <= {one["@id"] for one in croissant["recordSet"]}
+    query = "kb.load('root/release/qanda').sql('SELECT min(score) FROM qanda_questions')"
+    assert place.python(f"import kb; print([*next(iter({query})).values()])") == "[0]\n"
+    answer, status = place.run("search furnace", "status")
+    assert {one["key"] for one in answer["answers"]} == {f"a{key}0" for key in kept}
+    assert (status["sources"]["qanda"]["crawled_so_far"], status["left"]) == (10, 0)
+    assert "Thing 107 needs a furnace" in read(place, "qanda:107/1070")
+
+    place.site.deleted, place.site.ids = {105}, [*place.site.ids, 111]
+    (place.folder / "gone.txt").write_text("107\n")
+    purge = "purge qanda --ids gone.txt"
+    refreshed, planned, purged, again = place.run(
+        "refresh qanda --older-than 0", f"{purge} --plan", purge, purge
     )
-    assert lines < 250
-    crawled, filtered, exported, linked, found, made, status = kb(
-        "feed crawl", "feed filter", "feed export", "links", "search n007", "release", "status"
-    )
-    assert crawled["crawled"] == 10
-    assert (filtered["kept"], filtered["rejected"]) == (7, 3)
-    assert exported["notes"] == 7
-    kept = [f"n{number:03d}" for number in range(3, 10)]
-    assert released(project) == kept
-    assert linked["sources"] == {"feed": 8}
-    (answer,) = found["answers"]
-    assert (answer["source"], answer["key"]) == ("feed", "n007")
-    assert made["folders"] == 2  # the feed and links
-    assert (
-        "Notes of a feed about Notes." in (project / "data/root/release/feed/README.md").read_text()
-    )
-    assert (status["sources"]["feed"]["crawled_so_far"], status["left"]) == (10, 0)
-    (project / "gone.txt").write_text("n007\n")
-    purge = "purge feed --ids gone.txt"
-    planned, purged, again, found, verified = kb(
-        f"{purge} --plan", purge, purge, "search n007", "verify"
-    )
-    for summary, numbers in (
-        (planned, [1, 0, 0, 0]),
-        (purged, [1, 0, 0, 0]),
-        (again, [0, 1, 0, 0]),
-    ):
-        assert [summary[name] for name in ("purged", "known", "unknown", "unread")] == numbers
-    assert released(project) == [key for key in kept if key != "n007"]
-    assert found["answers"] == []
+    assert (refreshed["crawled"], refreshed["requests"]) == (10, 1)
+    assert [one["purged"] for one in (planned, purged, again)] == [1, 1, 0]
+    left = [key for key in kept if key not in ("105", "107")]
+    assert place.released("questions") == left
+    assert place.released("answers") == [f"{key}0" for key in left]
+    assert "1050" not in "".join(map(str, raw(place)))
+    updated, verified = place.run("update", "verify")
+    assert updated["made"] > 0
+    assert place.released("questions") == [*left, "111"]
     assert verified["files_damaged"] == 0
+    assert place.site.asked["/questions/107/answers"] == 0
+
+
+def test_two_machines_share_a_crawl(place: Place) -> None:
+    """crawl --part → merge → filter → verify --repair, and listed ids alone."""
+    (first,) = place.run("qanda crawl --part 1/2", root="one")
+    (second,) = place.run("qanda crawl --part 2/2", root="two")
+    assert first["crawled"] + second["crawled"] == 10
+    assert min(first["crawled"], second["crawled"]) > 0
+    _, filtered = place.run("merge one two", "qanda filter")
+    assert (filtered["kept"], filtered["rejected"]) == (16, 14)
+    (shard,) = (place.root / "clean/qanda/questions").glob("*.parquet")
+    whole = shard.read_bytes()
+    shard.write_bytes(whole[:-9])
+    place.run("verify --repair")
+    assert shard.read_bytes() == whole
+    (place.folder / "ids.txt").write_text("104\n105\n999\n")
+    (listed,) = place.run("qanda crawl --ids ids.txt", root="listed")
+    assert (listed["crawled"], listed["failed"], listed["requests"]) == (3, 0, 2)
+
+
+@pytest.mark.dask
+def test_a_cluster_makes_the_same_tables(place: Place) -> None:
+    _, local, cluster = place.run(
+        "qanda crawl", "qanda filter", "qanda filter --engine dask --workers 1"
+    )
+    assert (local["kept"], local["rejected"]) == (cluster["kept"], cluster["rejected"])
+
+
+def raw(place: Place) -> Iterator[str]:
+    """What is left of the answers, as the data root has them."""
+    from kb.store.rawlog import rawlog
+
+    for segment in rawlog.all_segments(place.root, "qanda"):
+        for frame in rawlog.Frames(segment):
+            yield str(frame)
+
+
+def read(place: Place, ref: str) -> str:
+    """What an agent reads over MCP."""
+    from mcp import Client
+    from mcp.client.stdio import StdioServerParameters, stdio_client
+
+    words = ["-m", "kb", "mcp", "--data", str(place.root)]
+    server = StdioServerParameters(command=sys.executable, args=words, env=place.environment)
+    with (
+        start_blocking_portal() as portal,
+        portal.wrap_async_context_manager(Client(stdio_client(server))) as client,
+    ):
+        answer = portal.call(client.call_tool, "read", {"ref": ref})
+        return str(answer.content[0].text)
+
+
+@pytest.mark.parametrize(
+    ("file", "before", "after", "problem"),
+    [
+        ("sources/qanda.toml", 'main = "questions"', "main = 3", r"sources/qanda\.toml: .*main"),
+        ("sources/qanda.toml", 'answers = "a"', 'answers = "q"', "a key of answers"),
+        ("sources/qanda.toml", "[settings.qanda_key]", "[settings.other]", "setting qanda_key"),
+        ("tables/qanda/answers.toml", "items[].score", "items[].votes", r"column score: .*votes"),
+        ("raw/qanda/pages.json", '"x-keys"', "x-keys", r"raw/qanda/pages\.json: not readable"),
+    ],
+)
+def test_a_wrong_package_is_one_line(
+    installed: Path, tmp_path: Path, file: str, before: str, after: str, problem: str
+) -> None:
+    site = shutil.copytree(installed, tmp_path / "site")
+    path = site / "qanda/schemas" / file
+    assert before in path.read_text()
+    path.write_text(path.read_text().replace(before, after))
+    done = subprocess.run(
+        [sys.executable, "-m", "kb", "qanda", "crawl", "--data", str(tmp_path / "root")],
+        env={**clean_environment(), "PYTHONPATH": os.pathsep.join([str(site)])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert re.search(problem, line)

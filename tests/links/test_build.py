@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
+from kb import query
 from kb.artifacts import manifest
 from kb.artifacts.makers import make_and_export
 from kb.core.config.pipeline import Recipe
@@ -74,7 +75,29 @@ def test_the_tables(run: Run) -> None:
 
 def _row(entity: str, key: str, part: str, how: str, count: int) -> dict[str, Any]:
     about = {"entity": entity, "source": "wiki", "key": key, "part": part, "how": how}
-    return {**about, "count": count, "first_at_s": None}
+    ids = {"video_id": None, "page_id": int(key), "post_id": None, "comment_id": None}
+    return {**about, **ids, "count": count, "first_at_s": None}
+
+
+def test_ids_are_those_of_the_tables_of_their_source(run: Run) -> None:
+    made.links(run, NAMES)
+    with query.connect(run.root) as db:
+        for source, table_, ids in (
+            ("youtube", "youtube_videos", {"video_id"}),
+            ("wiki", "wiki_pages", {"page_id"}),
+            ("reddit", "reddit_posts", {"post_id"}),
+            ("comment", "reddit_comments", {"post_id", "comment_id"}),
+        ):
+            which = "part = 'comment'" if source == "comment" else f"source = '{source}'"
+            of = f"FROM links WHERE {which} AND (part = 'comment') = ('{source}' = 'comment')"
+            rows = db.sql(f"SELECT * {of}").to_arrow_table().to_pylist()
+            assert rows
+            for name in ("video_id", "page_id", "post_id", "comment_id"):
+                assert {row[name] is not None for row in rows} == {name in ids}
+            joined = db.sql(
+                f"SELECT count(*) FROM (SELECT * {of}) JOIN {table_} USING ({', '.join(ids)})"
+            )
+            assert joined.fetchall() == [(len(rows),)]
 
 
 def cut(folder: Path, name: str, parts: int) -> None:
@@ -155,7 +178,7 @@ def test_every_pair_has_its_link(run: Run) -> None:
         pairs = con.execute("SELECT count(*) FROM pairs").fetchone()
         joined = con.execute(
             """SELECT count(*), min(match_start_s - first_at_s), max(count)
-            FROM pairs JOIN links.links ON key = video_id AND entity = keyword
+            FROM pairs JOIN links.links ON key = pairs.video_id AND entity = keyword
             WHERE part = 'transcript'"""
         ).fetchone()
     assert pairs is not None

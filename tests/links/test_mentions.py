@@ -13,6 +13,7 @@ from kb.core.errors import FatalError
 from kb.links import texts
 from kb.links.build import Own, aliases, own_pages
 from kb.pairs.keywords import Keyword, Keywords, load, make
+from kb.schema import table
 from kb.schema.wiki_page import PageNames
 from kb.wiki.parse.answers import named_pages
 from tests.inprocess import Here
@@ -71,7 +72,8 @@ def test_counts_are_those_of_a_reckoning_word_by_word(world: dict[str, Any]) -> 
         run = made.run_at(root)
         summary = made.links(run)
         wanted = expected(world, load(run.profile))
-        assert [tuple(row.values()) for row in made.rows(root)] == wanted
+        columns = [name for name in table("links/links").names() if not name.endswith("_id")]
+        assert [tuple(row[name] for name in columns) for row in made.rows(root)] == wanted
         assert summary["links"] == len(wanted)
         assert summary["mentions"] == sum(row[5] for row in wanted)
 

@@ -12,7 +12,8 @@ import pytest
 
 import kb
 from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
-from kb.reader.tables import OpenTables, with_hints
+from kb.reader.hints import with_hints
+from kb.reader.tables import OpenTables
 from kb.store.artifact_registry import SUMS
 from kb.store.tables.checksums import listed
 from kb.store.tables.shard_writer import write_table

@@ -225,6 +225,7 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "comment_id": f"c{i:05x}{j}",
             "post_id": f"p{i:05x}",
             "parent_id": f"t3_p{i:05x}" if j == 0 else f"t1_c{i:05x}{j - 1}",
+            "parent_comment_id": None if j == 0 else f"c{i:05x}{j - 1}",
             "depth": j,
             "parent_in_release": True,
             "created_utc": START,
@@ -254,6 +255,7 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "clip_start_s": 10.5 - (8 + spread("clip", i) % 80 / 10) / 2,
             "clip_end_s": 10.5 + (8 + spread("clip", i) % 80 / 10) / 2,
             "transcript_kind": "asr",
+            "match_in_clip": True,
             "timing": ("word", "cue")[i % 2],
         }
         for i in range(2 * n)
@@ -262,6 +264,7 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
         {
             "pair_id": row["pair_id"],
             "video_id": row["video_id"],
+            "clip_start_s": row["clip_start_s"],
             "duplicate_of": None,
             "duplicate_video_id": None,
             "cluster_size": 1,
@@ -304,6 +307,10 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "entity": keyword,
             "source": source,
             "key": key.format(i),
+            "video_id": f"vid{i:08d}" if source == "youtube" else None,
+            "page_id": i if source == "wiki" else None,
+            "post_id": f"p{i:05x}" if source == "reddit" else None,
+            "comment_id": f"c{i:05x}0" if source == "reddit" else None,
             "part": part,
             "how": "mention",
             "count": 1 + spread("links", i) % 4,

@@ -99,16 +99,20 @@ def test_duties_are_those_of_the_licence(tmp_path: Path, spdx: str, alike: bool)
         assert KNOWN[spdx].short in text
 
 
-def test_sample_is_bounded_and_whole_groups(tmp_path: Path) -> None:
-    build(tmp_path, sources=("reddit",), n=5000)
+@pytest.mark.parametrize("source", ["reddit", "pairs", "wiki", "links", "youtube", "tasks"])
+def test_samples_are_short_and_of_the_same_keys(tmp_path: Path, source: str) -> None:
+    build(tmp_path, sources=(source,), n=200)
     folder = in_root(tmp_path)[0]
-    total = sum(path.stat().st_size for path in folder.data)
-    written = write_samples(folder, total / 4 / 1e6)
-    assert sum(path.stat().st_size for path in written) <= total / 4
-    posts, comments = (
-        [row["post_id"] for row in json.loads(path.read_text(encoding="utf-8"))]
-        for path in sorted(written, reverse=True)
+    samples = {
+        path: json.loads(path.read_text(encoding="utf-8")) for path in write_samples(folder, 4)
+    }
+    assert all(0 < len(rows) <= 20 for rows in samples.values())
+    assert max(map(len, samples.values())) > 5
+    shared = {"pairs": "pair_id", "wiki": "page_id", "reddit": "post_id", "links": "entity"}
+    if name := shared.get(source):
+        keys = [{row[name] for row in rows} for rows in samples.values()]
+        assert all(one == keys[0] for one in keys)
+    small = write_samples(folder, 1e-6)
+    assert sum(len(json.loads(path.read_text())) for path in small) <= sum(
+        map(len, samples.values())
     )
-    posts = set(posts)
-    assert set(comments) == posts
-    assert len(comments) == 3 * len(posts)

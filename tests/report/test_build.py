@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import duckdb
 import pytest
 
+from kb.cli.commands.overview import overview as facts
 from kb.core.errors import FatalError
 from kb.core.sources import BY_DEFAULT
 from kb.explore import overview
@@ -244,6 +245,12 @@ def test_totals_count_what_there_is(root: Path) -> None:
     for noun, text in totals.items():
         if text.replace(",", "").isdigit():  # the report shortens from 10,000 on
             assert text == shown[noun]
+    about = facts(a_run(root))  # kb status
+    rows = {noun: n for source in about["sources"].values() for noun, n in source["rows"].items()}
+    rows |= {"video-text pairs": about["pairs"]["clean"], "tasks": about["tasks"], **about["links"]}
+    same = {noun for noun in rows.keys() & totals.keys() if noun != "links"}
+    assert same >= {"videos", "pages", "posts", "comments", "video-text pairs", "tasks", "entities"}
+    assert {noun: f"{rows[noun]:,}" for noun in same} == {noun: totals[noun] for noun in same}
     assert float(totals["hours of video"]) == pytest.approx(hours, rel=0.06)
     assert {"years of video", "words spoken", "pages", "boxes", "posts", "comments", "tasks"} <= {
         *totals

@@ -29,6 +29,7 @@ ALLOWED = {
     "enum",
     "format",
     "pattern",
+    "minimum",
     "minItems",
     "maxItems",
     "additionalProperties",

@@ -23,7 +23,7 @@ def put(root: Path, kind: str, *answers: tuple[str, Any]) -> None:
         segment.append(
             rawlog.encode(
                 rawlog.Envelope(
-                    at, rawlog.Request("http://wiki.example/w/api.php", {}), 200, answer
+                    at, rawlog.Request("http://wiki.example/w/api.php", {"round": 1}), 200, answer
                 )
             )
         )

@@ -75,7 +75,7 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     from kb.artifacts.data_roots import is_root
     from kb.cli.commands.profile_files import refuse
     from kb.core.config.profile import DEFAULT, load_profile
-    from kb.core.config.settings import Settings, load_settings
+    from kb.core.config.settings import DECLARED, load_settings
     from kb.sandbox.domain import domain_of
     from kb.sandbox.reddit.service import dumps
     from kb.sandbox.server import Sandbox
@@ -83,7 +83,7 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     from kb.sandbox.world import World
     from kb.store.state import demo_mark
 
-    for name in set(Settings.model_fields) - _KEPT:
+    for name in set(DECLARED.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
     loaded = load_settings(dotenv=False, kb_data=options.data)
     data, named = loaded.kb_data.expanduser().absolute(), "kb_data" in loaded.model_fields_set

@@ -17,7 +17,7 @@ from kb.core import terminal
 from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, SourceDeclaration
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
@@ -88,6 +88,37 @@ def refresh_reddit(run: Run, older_than: OlderThan = None, plan: Plan = False) -
     from kb.reddit.plan import plan_refresh
 
     return plan_refresh(run, older_than) if plan else refresh(run, older_than)
+
+
+def _refresh(source: SourceDeclaration) -> Callable[..., Summary]:
+    def refresh(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summary:
+        from kb.crawl.job import crawl_source
+        from kb.registry import SOURCES as CLASSES
+
+        connector = CLASSES[source.name].connector(run)
+        age = getattr(run.profile.section(source.name), "max_age_days", 30)
+        connector.refresh(age if older_than is None else older_than)
+        command_, kinds = f"refresh {source.name}", [source.refreshed]
+        if plan:
+            return connector.plan(command_, kinds)
+        return crawl_source(run, source, connector, command_, kinds)
+
+    return refresh
+
+
+for _source in SOURCES.values():
+    if _source.refreshed and _source.name not in ("youtube", "reddit"):
+        command(
+            refresh_app,
+            _source.name,
+            help=f"Re-read {_source.noun(_source.refreshed)} older than the profile's max_age_days,"
+            " and mark those that are gone.",
+            uses=("wait",),
+            limit="Stop after N more (exit code 3); the next run resumes.",
+            json="crawled, failed, pending, requests, units",
+            planned=("older_than",),
+            examples=[f"kb refresh {_source.name} --wait"],
+        )(_refresh(_source))
 
 
 purge_app = group("Remove content that was deleted at its source or that a file names.")

@@ -15,7 +15,7 @@ from kb.artifacts import freshness
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
 from kb.core import clock
-from kb.core.errors import WriterLocked
+from kb.core.errors import DamagedData, WriterLocked
 from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
 from kb.crawl.job import STOPPED
@@ -107,6 +107,8 @@ def _replay_missing_states(run: Run) -> None:
             replay_missing_state(run, name, source.connector)
         except WriterLocked:
             continue  # another command is at it
+        except DamagedData as error:  # what could be read is replayed
+            run.progress.say(f"{error}; {error.hint}")
         except OSError as error:
             run.progress.say(
                 f"{name}: its state is missing, and {run.root} can't be written"
@@ -131,7 +133,6 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         if of.credential and getattr(run.settings, of.credential) is None
         else "",
         "counted": of.counted,
-        "unread": has_raw and not (state.exists() or tables),
         "phases": {},
         "failures": {},
         "left_by": {},
@@ -144,6 +145,7 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     }
     if state.exists():
         about |= _frontier(run, CLASSES[source], state)
+    about["unread"] = has_raw and not (about["phases"] or tables)
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
     about["rows"] = tables
     about |= _verdicts(run.root, source)

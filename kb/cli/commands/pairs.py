@@ -36,7 +36,8 @@ class PairsFormat(StrEnum):
     main=True,
     uses=CLUSTER,
     again="Match all transcripts again, even if nothing has changed.",
-    json="pairs, videos, words, matches, keywords_found, ambiguous_alone, outside",
+    json="pairs, videos, words, matches, keywords_in_pairs, keywords_found, ambiguous_alone,"
+    " outside",
     checks=True,
     examples=[
         ("kb pairs                                    pairs/ with text, release/pairs/ without"),

@@ -30,6 +30,13 @@ LIMIT = 10
 SearchSource = StrEnum("SearchSource", list(SOURCES))  # type: ignore[misc]
 
 
+class AnswerFormat(StrEnum):
+    """Formats of answers."""
+
+    text = "text"
+    json = "json"
+
+
 class HitKind(StrEnum):
     """Kinds of answers."""
 
@@ -74,7 +81,7 @@ def index(run: Run) -> Summary:
     examples=[
         'kb search "how to tame a wolf"',
         "kb search '\"tide table\" harbour* -net'    a phrase, a prefix, an excluded word",
-        "kb search saltstone --source wiki --kind table --json",
+        "kb search saltstone --source wiki --kind table --format json",
         "kb search tame --entity Wolf",
         "kb search creeper --since 2023-01-01 --each 3 --limit 30",
     ],
@@ -127,6 +134,10 @@ def search(
     every: Annotated[
         bool, typer.Option("--all", help="Any number of answers from one video, page or thread.")
     ] = False,
+    format: Annotated[
+        AnswerFormat,
+        typer.Option("--format", help="json: the answers alone, as one array on stdout."),
+    ] = AnswerFormat.text,
     size: Annotated[
         int,
         typer.Option(
@@ -161,12 +172,14 @@ def search(
     answers, meant, instead = search_as_meant(
         run.root, query, sources=sources, only=only, size=size, entity=entity
     )
-    if options.json:
+    if options.json or format is AnswerFormat.json:
         import msgspec
 
         hits = [msgspec.to_builtins(one) for one in answers]
-        return Summary(command="search", answers=hits, suggestion=meant or None)
-    for number, one in enumerate(answers, 1):
+        if options.json:
+            return Summary(command="search", answers=hits, suggestion=meant or None)
+        show(msgspec.json.encode(hits).decode())
+    for number, one in enumerate(answers if format is AnswerFormat.text else (), 1):
         for line in lines(number, one):
             show(line)
     quoted = meant if '"' in meant else f'"{meant}"'

@@ -5,9 +5,6 @@ The pattern for every group: a command is a name, options, examples and one call
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -29,37 +26,8 @@ from kb.cli.framework.options import (
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
-from kb.core.errors import FatalError, SettingError, UsageError
+from kb.core.errors import SettingError
 from kb.core.summary import Summary
-
-
-@contextmanager
-def _importing(
-    run: Run, given: Sequence[Path], other: str, is_other: Callable[[Path], bool]
-) -> Iterator[None]:
-    """Around an import. When it fails, files of the `other` source are told their command, and a
-    data root that was begun for it goes.
-    """
-    from kb.artifacts.data_roots import is_root
-    from kb.core.sources import SOURCES
-    from kb.store import lock
-    from kb.store.rawlog import rawlog
-
-    existed, had_data = run.root.exists(), is_root(run.root)
-    try:
-        yield
-    except (UsageError, FatalError) as error:
-        if wrong := next(filter(is_other, given), None):
-            error.hint = f"run `kb {other} import {wrong}`, which reads what is there"
-        answered = any(rawlog.any_answer(run.root, source) for source in SOURCES)
-        if not (had_data or answered or lock.holders(run.root)):
-            for name in ("raw", "state"):
-                shutil.rmtree(run.root / name, ignore_errors=True)
-            if not existed:
-                with suppress(OSError):  # somebody else has put something there
-                    run.root.rmdir()
-        raise
-
 
 youtube_app = group("Collect videos and transcripts from YouTube.")
 
@@ -173,11 +141,13 @@ def youtube_import(
     files don't contain stay null and are listed at the end. The files lack YouTube's game label, so
     keywords alone decide the topic.
     """
-    from kb.reddit.dumps.files import holds_dump
+    from kb.reddit.dumps.find_dumps import holds_dump
     from kb.youtube.ytdlp.importer import import_folders, unfilled_columns
 
     given = [*(folders or ()), *(own_transcripts or ())]
-    with _importing(run, given, "reddit", partial(holds_dump, root=run.root)):
+    from kb.cli.framework.failed_import import importing
+
+    with importing(run, given, "reddit", partial(holds_dump, root=run.root)):
         summary = import_folders(run, folders or (), own_transcripts or ())
     for line in unfilled_columns(summary):
         typer.echo(line)
@@ -382,7 +352,9 @@ def reddit_import(
     from kb.youtube.ytdlp.info import holds_info
 
     begin, end = parse_span(since, until)
-    with _importing(run, files, "youtube", holds_info):
+    from kb.cli.framework.failed_import import importing
+
+    with importing(run, files, "youtube", holds_info):
         return import_dumps(run, files, since=begin, until=end)
 
 

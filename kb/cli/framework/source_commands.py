@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from kb.cli.framework.command import Group, command, group
-from kb.cli.framework.options import CLUSTER
+from kb.cli.framework.options import CLUSTER, Part, Plan, parse_part
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.sources import SOURCES
@@ -66,8 +66,8 @@ def add_export(
                 min=32,
                 metavar="N",
                 help="With --format text: cut documents at headings, comments and pauses into"
-                " chunks of at most N tokens. A word counts as 1.3 tokens, and so does each sign of"
-                " a script without spaces.",
+                " chunks of at most N tokens, in a file of their own. A word counts as 1.3"
+                " tokens, and so does each sign of a script without spaces.",
             ),
         ] = None,
         tokenizer: Annotated[
@@ -115,16 +115,44 @@ def app_of(name: str) -> Group:
         help=f"Crawl what is left: {', '.join(source.nouns.values())}, as raw answers.",
         uses=("workers", "wait"),
         limit=f"Stop after N more {source.counted} (exit code 3); the next run resumes.",
-        json="crawled, failed, pending, requests",
+        again="Start a new round: read the lists again, and only what is new in them.",
+        json="crawled, failed, pending, requests, units",
         checks=True,
+        planned=("ids", "part", "again"),
         data="makes",
-        examples=[f"kb {name} crawl", f"kb {name} crawl --limit 100"],
+        examples=[
+            f"kb {name} crawl --plan                  what is left, in requests and units",
+            f"kb {name} crawl --limit 100",
+            f"kb {name} crawl --ids ids.txt           known ids, no lists",
+        ],
     )
-    def crawl(run: Run) -> Summary:
+    def crawl(
+        run: Run,
+        plan: Plan = False,
+        part: Part = None,
+        ids: Annotated[
+            Path | None,
+            typer.Option(
+                "--ids",
+                metavar="FILE",
+                help=f"Crawl these {source.counted} instead of what is listed: an id a line, CSV,"
+                " JSON or a Parquet file.",
+            ),
+        ] = None,
+    ) -> Summary:
         from kb.crawl.job import crawl_source
+        from kb.crawl.purge import ids_of
         from kb.registry import SOURCES as CLASSES
 
-        return crawl_source(run, source, CLASSES[name].connector(run))
+        connector = CLASSES[name].connector(run)
+        keys = list(ids_of(source).some_ids_in(ids, run.progress.say).keys) if ids else None
+        connector.restrict(keys, parse_part(part))
+        bounds = {"ids": str(ids.absolute()) if ids else "", "part": part or ""}
+        connector.asked = {option: value for option, value in bounds.items() if value}
+        command_ = f"{name} crawl"
+        if plan:
+            return CLASSES[name].plan(run) or connector.plan(command_)
+        return crawl_source(run, source, connector, command_)
 
     add_filter(app, name)
     add_export(app, name)

@@ -1,6 +1,5 @@
 """What the sections of a profile and the checks of a profile share."""
 
-import difflib
 import re
 import types
 import typing
@@ -23,6 +22,7 @@ from pydantic.fields import FieldInfo
 from kb.core import terminal
 from kb.core.regular_file import read_regular
 from kb.core.sources import SOURCES
+from kb.core.suggestions import similar
 
 # What `kb profile new` writes where only the user knows the value.
 FILL_IN = "FILL-IN"
@@ -204,7 +204,7 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
             inside = field_of(model, parents)
             section = model_in(inside.annotation) if inside else model
             names = set(section.model_fields) - {"path"} if section else set()
-            close = difflib.get_close_matches(str(last), names, n=1, cutoff=0.5)
+            close = similar(str(last), names, most=1, cutoff=0.5)
             fix = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(sorted(names))}"
             wrong.append((key, f"unknown key '{key}'", fix))
         elif kind == "missing":

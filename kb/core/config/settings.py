@@ -3,7 +3,6 @@
 Names and meanings are the contract's; `.env.example` lists them.
 """
 
-import difflib
 import logging
 import os
 import re
@@ -13,7 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from dotenv import dotenv_values
-from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    Field,
+    SecretStr,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+    field_validator,
+)
 from pydantic_settings import (
     BaseSettings,
     PydanticBaseSettingsSource,
@@ -24,6 +30,8 @@ from kb.core import clock, terminal
 from kb.core.config.addresses import is_contact, root_of
 from kb.core.errors import MissingCredential, SettingError
 from kb.core.regular_file import check_regular
+from kb.core.sources import SOURCES
+from kb.core.suggestions import similar
 
 _log = logging.getLogger("kb.settings")
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
@@ -32,6 +40,8 @@ _OF_TESTS = ("KB_TEST_", "KB_BENCH_", "KB_RECORDED")
 _LATIN = re.compile("[\x00-\xff]*")
 _ADDRESSES = ("_endpoint", "_web", "_url")  # a name and a password may stand in them
 REDDIT = ("reddit_client_id", "reddit_client_secret", "kb_contact")  # what asking Reddit needs
+# What the packages of sources add.
+_ADDED = {name: one for source in SOURCES.values() for name, one in source.settings.items()}
 # Secrets, of which an empty one says something.
 _MAY_BE_EMPTY = (
     "youtube_api_key",
@@ -39,6 +49,7 @@ _MAY_BE_EMPTY = (
     "reddit_client_secret",
     "zenodo_token",
     "hf_token",
+    *(name for name, added in _ADDED.items() if added.secret),
 )
 
 
@@ -126,18 +137,11 @@ class Settings(BaseSettings):
             return cls.model_fields[info.field_name or ""].default
         return value
 
-    @field_validator(
-        "youtube_api_key",
-        "reddit_client_id",
-        "reddit_client_secret",
-        "zenodo_token",
-        "hf_token",
-        "kb_contact",
-        mode="before",
-    )
+    @field_validator("*", mode="before")
     @classmethod
-    def _fits_a_header(cls, value: object) -> object:
-        if isinstance(value, str) and not _LATIN.fullmatch(value):
+    def _fits_a_header(cls, value: object, info: ValidationInfo) -> object:
+        sent = info.field_name in _MAY_BE_EMPTY or info.field_name == "kb_contact"
+        if sent and isinstance(value, str) and not _LATIN.fullmatch(value):
             raise ValueError(
                 "must consist of Latin letters, digits and signs, as it is sent in a header"
             )
@@ -223,6 +227,23 @@ class Settings(BaseSettings):
             )
 
 
+def _declared() -> type[Settings]:
+    """The settings, with those that the packages of sources add. Raises SettingError."""
+    if twice := sorted(_ADDED.keys() & Settings.model_fields.keys()):
+        raise SettingError(
+            f"a source adds the setting {twice[0]}, which is one of Lorecrawl's",
+            hint="give it another name in the package's schemas/sources",
+        )
+    added: dict[str, Any] = {
+        name: ((SecretStr if one.secret else str) | None, Field(None, description=one.description))
+        for name, one in _ADDED.items()
+    }
+    return create_model("Settings", __base__=Settings, **added)
+
+
+DECLARED = _declared()
+
+
 @cache  # once for each process
 def _warn_of_short(name: str) -> None:
     _log.warning(
@@ -242,12 +263,12 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
     try:
         if dotenv and Path(".env").is_fifo():  # the library would wait for it
             check_regular(".env")
-        settings = Settings(_env_file=".env" if dotenv else None, **given)
+        settings = DECLARED(_env_file=".env" if dotenv else None, **given)
     except ValidationError as error:
         wrong = []
         for one in error.errors(include_url=False):
             name = str(one["loc"][0]) if one["loc"] else ""
-            secret = name not in Settings.model_fields or name.endswith(_ADDRESSES)
+            secret = name not in DECLARED.model_fields or name.endswith(_ADDRESSES)
             secret = secret or name in _MAY_BE_EMPTY
             shown = "" if secret else f" is {terminal.shown(str(one['input']))}"
             wrong.append(f"{name.upper()}{shown}: {one['msg'].removeprefix('Value error, ')}")
@@ -281,13 +302,13 @@ def unknown_names(*, dotenv: bool = True) -> list[str]:
 
 
 def _lines(where: str, names: Iterable[str], prefixes: tuple[str, ...]) -> list[str]:
-    known = [name.upper() for name in Settings.model_fields]
+    known = [name.upper() for name in DECLARED.model_fields]
     lines = []
     for name in names:
         upper = name.upper()
         if not upper.startswith(prefixes) or upper in known or upper.startswith(_OF_TESTS):
             continue
-        near = difflib.get_close_matches(upper, known, n=1, cutoff=0.6)
+        near = similar(upper, known, most=1)
         guess = f"; did you mean {near[0]}?" if near else "; see .env.example"
         lines.append(f"{name} in {where} is not a setting and has no effect{guess}")
     return lines

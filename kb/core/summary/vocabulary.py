@@ -110,7 +110,10 @@ WORDS: dict[str, Word] = {
         "Videos whose transcript was asked for; some have none.", "transcripts asked for {n}"
     ),
     "pages": Word("Wiki pages.", "{n} pages"),
-    "elements": Word("Elements of pages.", "{n} elements"),
+    "elements": Word(
+        "Elements of pages, hidden ones too; the visible ones are the boxes of the report.",
+        "{n} elements",
+    ),
     "cells": Word("Cells of tables.", "{n} cells"),
     "images": Word("Images.", "{n} images"),
     "facts": Word("Fields of infoboxes.", "{n} facts"),
@@ -167,8 +170,15 @@ WORDS: dict[str, Word] = {
         "{n} titles left out",
     ),
     "not_proposed_by": Word("The same by reason."),
-    "keywords_found": Word("Keywords with a match.", "{n} keywords found"),
-    "words": Word("Words of the transcripts or documents.", "{n} words"),
+    "keywords_found": Word(
+        "Keywords with a match, whether it made a pair or not.", "{n} keywords matched"
+    ),
+    "keywords_in_pairs": Word("Keywords that pairs are of.", "{n} keywords in them"),
+    "words": Word("Words of the documents.", "{n} words"),
+    "pairs.words": Word(
+        "Words of the transcripts in which keywords are searched: sounds such as [Music] are none.",
+        "{n} words searched",
+    ),
     "matches": Word("Occurrences of keywords.", "{n} matches"),
     "ambiguous": Word("Matches of everyday words.", "{n} of everyday words"),
     "ambiguous_alone": Word(

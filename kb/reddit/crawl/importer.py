@@ -25,7 +25,8 @@ from kb.reddit.dumps.cursor import (
     lease,
     load_cursor,
 )
-from kb.reddit.dumps.files import find_dumps, memory
+from kb.reddit.dumps.files import memory
+from kb.reddit.dumps.find_dumps import find_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.dumps.known_dumps import KnownDumps
 from kb.reddit.parse.anonymize import load_key

@@ -100,8 +100,15 @@ def _comments(rows: pa.Table, posts: pa.Table) -> pa.Table:
     keys = cast("list[str]", rows["comment_id"].to_pylist())
     known = depths(zip(keys, rows["parent_id"].to_pylist(), strict=True))
     rows = rows.append_column("depth", pa.array([known.get(key) for key in keys], pa.int64()))
+    rows = rows.append_column("parent_comment_id", parent_comments(rows["parent_id"]))
     there = pc.is_in(rows["post_id"], value_set=_ids(posts))
     return rows.append_column("orphan", pc.invert(there))
+
+
+def parent_comments(parents: pa.ChunkedArray[Any]) -> pa.ChunkedArray[Any]:
+    """The bare ids of those parents that are comments; null for posts."""
+    bare = pc.utf8_slice_codeunits(parents, 3)
+    return pc.if_else(pc.starts_with(parents, "t1_"), bare, pa.scalar(None, pa.string()))
 
 
 def _ids(posts: pa.Table | None) -> pa.Array[Any]:

@@ -51,7 +51,7 @@ from kb.reddit.crawl.importer import import_files
 from kb.reddit.crawl.reduce import PAYLOADS
 from kb.reddit.crawl.subreddit import INFO, MORE, THREAD, TREE
 from kb.reddit.dumps.cursor import recover_segments
-from kb.reddit.dumps.files import find_dumps
+from kb.reddit.dumps.find_dumps import find_dumps
 from kb.reddit.dumps.import_file import ImportJob
 from kb.reddit.dumps.known_dumps import samples_of
 from kb.reddit.dumps.search import write_index

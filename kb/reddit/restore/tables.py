@@ -33,7 +33,7 @@ from kb.reddit.crawl.ids import Released, WantedThings
 from kb.reddit.dumps.cursor import KIND
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse.answer_tree import depths
-from kb.reddit.parse.assemble import assemble, newest_of, with_counts
+from kb.reddit.parse.assemble import assemble, newest_of, parent_comments, with_counts
 from kb.reddit.section import Links
 from kb.schema.tables import Table
 from kb.store.exhausted import full_disk_is_resumable
@@ -168,6 +168,8 @@ def _finished(rows: dict[str, pa.Table], people: pa.Array[Any]) -> dict[str, pa.
     known = depths(zip(keys, comments["parent_id"].to_pylist(), strict=True))
     computed = pa.array([known.get(key) for key in keys], pa.int64())
     comments = put(comments, "depth", pc.coalesce(comments["depth"], computed))
+    # Rows that an older version restored have none.
+    comments = put(comments, "parent_comment_id", parent_comments(comments["parent_id"]))
     return with_counts({**rows, "reddit/comments": comments})
 
 

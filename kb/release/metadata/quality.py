@@ -27,8 +27,16 @@ def pair_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
         return ()
     samples = read_measures(Layout(root).pairs)
     heard = samples.get("speech_recognition")
+    cut = con.execute(
+        "SELECT count(*) FILTER (NOT match_in_clip), count(*) FROM read_parquet(?)",
+        [list(map(str, pairs))],
+    ).fetchall()[0]
     return (
         _times(figures["word_times"], figures["interpolation_error_s"]),
+        (
+            f"Phrases: of {cut[1]:,} clips {cut[1] - cut[0]:,} contain their phrase wholly; in"
+            f" {cut[0]:,} it is longer than the clip (`match_in_clip` is false)."
+        ),
         (
             f"Near-duplicates: {_pairs(figures['near_duplicates'])} are of a video that says nearly"
             " what another one says (`duplicate_of`), by MinHash of runs of five words, where a"

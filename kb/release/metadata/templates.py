@@ -137,7 +137,8 @@ def render(name: str, **values: Any) -> str:
 class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One source in sentences: for card, datasheet, Croissant's RAI part and the deposit.
 
-    `kinds` are Croissant's types of collection, `origins` the recorded ways with shares and dates.
+    `joins` are queries over this folder and others, `kinds` Croissant's types of collection,
+    `origins` the recorded ways with shares and dates.
     """
 
     title: str
@@ -156,6 +157,7 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     words: tuple[str, ...]
     tasks: tuple[str, ...]
     attribution: str
+    joins: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ()
     origins: tuple[str, ...] = ()
 

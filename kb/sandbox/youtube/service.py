@@ -258,7 +258,7 @@ def video_parts(video: Video, max_width: int | None, max_height: int | None) -> 
         "tags": video.tags or None,
         "category_id": video.category_id,
         "live": video.live,
-        "language": video.tracks[0].language if video.tracks else "en",
+        "language": _spoken(video),
         "duration": video.iso_duration,
         "definition": "hd" if min(video.width, video.height) >= 720 else "sd",
         "caption": str(any(track.kind != "asr" for track in video.tracks)).lower(),
@@ -278,6 +278,12 @@ def video_parts(video: Video, max_width: int | None, max_height: int | None) -> 
         values["embed_width"] = str(round(video.width * scale))
         values["embed_height"] = str(round(video.height * scale))
     return dict(_resource("video", values))
+
+
+def _spoken(video: Video) -> str:
+    """What recognition heard is what is spoken."""
+    heard = [track.language for track in video.tracks if track.kind == "asr"]
+    return next(iter([*heard, *(track.language for track in video.tracks)]), "en")
 
 
 def _of(video: Video) -> dict[str, Any]:

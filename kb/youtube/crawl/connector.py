@@ -33,6 +33,7 @@ from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
+from kb.crawl.share import Part, share
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
@@ -40,7 +41,7 @@ from kb.store.state.frontier import Frontier, Item
 from kb.store.tables.columns import newest
 from kb.youtube.crawl.client import FINAL, GOOGLE
 from kb.youtube.crawl.fetch import API, PACK, WEB, YouTubeFetcher
-from kb.youtube.crawl.ids import RULES, Part, share
+from kb.youtube.crawl.ids import RULES
 from kb.youtube.crawl.quota import GENERAL, SEARCH, limit, today
 from kb.youtube.crawl.reduce import (
     BEYOND,

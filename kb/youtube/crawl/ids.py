@@ -1,4 +1,4 @@
-"""Video ids from a list, which video an address of YouTube names, and the share of one machine.
+"""Video ids from a list, and which video an address of YouTube names.
 
 An address counts by its host, its path and the one parameter that the path asks for. Other
 parameters may hold anything that looks like an id (`ab_channel=KilnRoad123`), in any order; the
@@ -11,9 +11,7 @@ address of a channel, a playlist or a search names no video, and neither does an
     #/watch?v=ID, watch#!v=ID               as old pages of the site wrote it
 """
 
-import hashlib
 import re
-from collections.abc import Callable
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from kb.crawl.id_list import IdRules, ListedId
@@ -130,7 +128,6 @@ def _id(text: str) -> str | None:
     return match[1] if match and match[1] not in _LISTS else None
 
 
-Part = tuple[int, int] | None
 """Which of how many machines, from 1; None for one that does it all."""
 
 
@@ -161,17 +158,3 @@ RULES = IdRules(
     parse=parse,
     is_unmistakable=is_unmistakable,
 )
-
-
-def share(part: Part) -> Callable[[str], bool]:
-    """Whether a key belongs to the part: the same on every machine, and every key to one."""
-    if part is None:
-        return lambda key: True
-    number, count = part
-
-    def mine(key: str) -> bool:
-        return (
-            int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big") % count == number - 1
-        )
-
-    return mine

@@ -6,9 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import duckdb
 import pyarrow.parquet as pq
 import pytest
 
+from kb.core.sources import PUBLISHED
 from kb.youtube.crawl.ids import RULES
 from tests import processes
 from tests.cli.conftest import clean_environment
@@ -37,15 +39,17 @@ def test_pairs_from_the_shell(root: Path) -> None:
         == pq.read_table(shards(root / "pairs")).num_rows
         == pq.read_table(shards(root / "release" / "pairs")).num_rows
     )
-    whole = (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes()
-    filled = kb(
-        root,
-        "pairs",
-        "--from-index",
-        str(root / "release" / "pairs" / "pairs-00000-of-00001.parquet"),
-    )
-    assert filled.returncode == 0, filled.stderr
-    assert (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes() == whole
+    with duckdb.connect() as con:
+        con.execute(f"CREATE VIEW pairs AS FROM '{root}/pairs/pairs-*.parquet'")
+        shown = {
+            noun: con.execute(f"SELECT {sql} FROM pairs").fetchone()
+            for noun, _, sql in PUBLISHED["pairs"].totals
+        }
+    assert shown == {  # the report's figures
+        "video-text pairs": (summary["pairs"],),
+        "keywords in them": (summary["keywords_in_pairs"],),
+    }
+    assert summary["keywords_in_pairs"] <= summary["keywords_found"]
     draw = ("pairs", "draw", "3", "--max-videos", "1", "--out", "there")
     planned = processes.run(
         [*draw, "--plan", "--data", str(root)],
@@ -56,6 +60,15 @@ def test_pairs_from_the_shell(root: Path) -> None:
     assert planned.returncode == 0, planned.stderr
     assert "no pairs for validation and test: a channel" in planned.stderr
     assert not (root.parent / "there").exists()
+    whole = (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes()
+    filled = kb(
+        root,
+        "pairs",
+        "--from-index",
+        str(root / "release" / "pairs" / "pairs-00000-of-00001.parquet"),
+    )
+    assert filled.returncode == 0, filled.stderr
+    assert (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes() == whole
     wrong = kb(root, "pairs", "--from-index", "x.parquet", "--format", "minedojo")
     assert wrong.returncode == 2
 

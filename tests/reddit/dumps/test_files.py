@@ -20,7 +20,8 @@ from kb.core.progress import LineProgress
 from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps import files
 from kb.reddit.dumps.cursor import cursors
-from kb.reddit.dumps.files import DEEPEST, ReadProgress, find_dumps, memory
+from kb.reddit.dumps.files import DEEPEST, ReadProgress, memory
+from kb.reddit.dumps.find_dumps import find_dumps
 from kb.store.rawlog import rawlog
 from kb.store.tables.checksums import digest
 from tests.reddit.dumped import (

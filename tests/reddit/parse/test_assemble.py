@@ -214,6 +214,7 @@ def test_the_release_has_ids_and_figures_and_nothing_else(whole: Work) -> None:
             "comment_id",
             "post_id",
             "parent_id",
+            "parent_comment_id",
             "depth",
             "parent_in_release",
             "created_utc",

@@ -12,7 +12,6 @@ import pytest
 
 from kb.artifacts.purge_rows import RowLocation, drop_rows
 from kb.core.errors import DamagedData, KbError
-from kb.export import layouts as export
 from kb.export import minedojo
 from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
@@ -20,6 +19,7 @@ from kb.report.data import ReportData
 from kb.store.state import tombstones
 from kb.store.tables import parquet
 from kb.store.tables.shard_writer import write_table
+from tests import recipes
 from tests.filters import full_root
 from tests.filters.made import run_at
 from tests.store import flips
@@ -114,11 +114,11 @@ READERS = {
     "pairs": ("clean/youtube/transcripts/part-*.parquet", _made_again),
     "export": (
         "clean/youtube/videos/part-*.parquet",
-        lambda root: export.export(run_at(root), "youtube"),
+        lambda root: recipes.export(run_at(root), "youtube"),
     ),
     "pairs' export": (
         "pairs/pairs-*.parquet",
-        lambda root: export.export(run_at(root), "pairs"),
+        lambda root: recipes.export(run_at(root), "pairs"),
     ),
     "purge": ("clean/youtube/videos/part-*.parquet", _purged),
     "report": ("clean/youtube/videos/part-*.parquet", _reported),

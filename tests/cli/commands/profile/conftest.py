@@ -108,6 +108,7 @@ ERRORS = [
     row("\tplace\n", "a line has a keyword", "the keyword of this one is empty"),
     row("Trough\t\tnear\n", "a line has a keyword", "the kind of this one is empty"),
     row("Trough\tplace\tnaer\n", "the rule is 'naer'", "did you mean near?"),
+    row("Trough\tplace\tneer\n", "the rule is 'neer'", "one of topic, near, never, always"),
     row("Trough\tplace\tnear:\n", "the rule is 'near:'", "such as near:30"),
     row("Trough\tplace\tnear:0\n", "the rule is 'near:0'", "a number of words"),
     row("?!\tplace\n", "the keyword '?!' has no word"),

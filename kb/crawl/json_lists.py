@@ -1,0 +1,269 @@
+"""The connector of a service that answers in lists of JSON objects: pages, cursors, and lists of
+keys that are asked for many at once.
+
+A source says which lists there are (`ListPhase`); asking, quota and pace are
+kb.crawl.json_service's. An answer is recorded as the raw kind of its phase, without the key that it
+was asked with.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from kb.core import clock
+from kb.core.cached_property import cached_property
+from kb.core.context import Run
+from kb.core.errors import ItemFinal, Retryable
+from kb.core.sources import SourceDeclaration
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase, plan, to_read
+from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
+from kb.crawl.json_service import JsonService, units_per_day
+from kb.crawl.share import Part, share
+from kb.schema.coerce import inner
+from kb.store.layout import Layout
+from kb.store.rawlog.rawlog import SEEDS, Envelope
+from kb.store.state.frontier import Frontier, Item
+from kb.store.tables import reading
+
+REFRESHED = "refreshed"  # the cursor with the time of the newest refresh
+PART, ELSEWHERE = "part", "other_part"  # the cursor with the last run's share; of another's
+FIRST = "1"  # the page that a list begins with
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListPhase(Phase):
+    """Items that a list of the service answers.
+
+    Where `path` has {keys}, an item is a key, and one list answers up to `batch` of them; without,
+    an item is a page of one list, and the first one is where a crawl begins.
+
+    table      the table whose keys its items are
+    path       below the service's address: "/questions", "/questions/{keys}/answers"
+    split      what stands between keys
+    entries    where the entries stand in an answer
+    key        where an entry has the key that it was asked for by: one without an entry is gone
+    adds       kinds that the entries add items to, and where an entry has their key
+    following  what says that the list goes on: true, the next page's number, or a cursor
+    page       the parameter that asks for a page or takes the cursor
+    params     further parameters
+    """
+
+    path: str
+    table: str = ""
+    split: str = ";"
+    entries: str = "items"
+    key: str = ""
+    adds: Mapping[str, str] = field(default_factory=dict)
+    following: str = "has_more"
+    page: str = "page"
+    params: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def keyed(self) -> bool:
+        """Whether its items are keys, not pages."""
+        return "{keys}" in self.path
+
+    def listed(self, response: Any) -> list[Any]:
+        """The entries of an answer."""
+        entries = inner(response, *self.entries.split("."))
+        return entries if isinstance(entries, list) else []
+
+    def next_page(self, page: str, response: Any) -> str:
+        """What asks for the page after this one; "" after the last."""
+        following = inner(response, *self.following.split("."))
+        if following is True:
+            return str(int(page) + 1)
+        return str(following) if following else ""
+
+
+def is_due(frontier: Frontier, days: int) -> bool:
+    """Whether the newest refresh, or else the first request, is older than so many days."""
+    first = min((day for day, *_ in frontier.ledger()), default="")
+    noted = frontier.cursor(REFRESHED, first)
+    return bool(noted) and (clock.now() - clock.parse(noted)).total_seconds() >= days * 86_400
+
+
+def named(entries: Sequence[Any], at: str, prefix: str = "") -> list[str]:
+    """The keys that entries have at a path, each once."""
+    keys = (inner(entry, *at.split(".")) for entry in entries)
+    return list(dict.fromkeys(f"{prefix}{key}" for key in keys if isinstance(key, (str, int))))
+
+
+class JsonLists(Connector):
+    """What crawls such a service. Keys of a list are those of the kind that the source counts."""
+
+    def __init__(self, run: Run, source: SourceDeclaration, phases: Sequence[ListPhase]) -> None:
+        assert source.service is not None
+        self.name, self.phases, self._run, self._source = source.name, phases, run, source
+        self._of_kind = {phase.kind: phase for phase in phases}
+        counted = (kind for kind, noun in source.nouns.items() if noun == source.counted)
+        self._counted = next(counted)
+        self._again: int | None = None  # the age in days after which a refresh reads again
+        self.restrict(None, None)
+
+    @cached_property
+    def service(self) -> JsonService:
+        """The service, once the data root is open."""
+        return JsonService(self._run, self._source, self.opened)
+
+    def identity(self) -> dict[str, str]:
+        """The address of the service. Raises MissingCredential."""
+        assert self._source.service is not None
+        if self._source.service.key:
+            self._run.settings.require(self._source.service.key)
+        section = self._run.profile.section(self._source.name)
+        return {self._source.service.url: str(getattr(section, self._source.service.url))}
+
+    def restrict(self, keys: Sequence[str] | None, part: Part) -> None:
+        """Crawl these keys instead of all pages, and this machine's share of the keys."""
+        self._known, self._part, self._mine = keys, list(part or ()), share(part)
+
+    def refresh(self, days: int) -> None:
+        """Read again what the source declares as refreshed, when it is older than so many days,
+        instead of a crawl.
+        """
+        self._again = days
+
+    def begin(self, opened: Opened) -> None:
+        """The data root is open."""
+        self.opened = opened
+
+    def seeds(self, frontier: Frontier) -> Iterator[dict[str, Any]]:
+        """The keys of --ids that are this part's share."""
+        known = (key for key in self._known or () if key not in self.opened.purged)
+        mine = (key for key in known if self._mine(key))
+        yield from seed_requests(frontier, self._counted, "ids", mine)
+
+    def discover(self, frontier: Frontier) -> None:
+        """The first pages, again in a new round; and what was left to other machines. Of a refresh,
+        what is due.
+        """
+        if self._again is not None:
+            if is_due(frontier, self._again) and not frontier.open(self._source.refreshed):
+                frontier.reopen(self._source.refreshed, "done")
+                frontier.set_cursor(REFRESHED, clock.stamp())
+            return
+        if frontier.cursor(PART, []) != self._part:
+            frontier.set_cursor(PART, self._part)
+            for phase in self.phases:
+                left = [
+                    key
+                    for key, _, why, _ in frontier.items(phase.kind, "skipped")
+                    if why == ELSEWHERE
+                ]
+                frontier.mark(phase.kind, left, "todo")
+        for phase in self._of_kind.values():
+            if not phase.keyed and self._known is None:
+                if self._run.again:
+                    frontier.replace(phase.kind, [FIRST])
+                frontier.add(phase.kind, [FIRST])
+
+    def leave_out(self, phase: Phase, item: Item) -> str | None:
+        """Keys that were purged or are another part's."""
+        if not self._of_kind[phase.kind].keyed:
+            return None
+        if item.key in self.opened.purged:
+            return "purged"
+        return None if self._mine(item.key) else ELSEWHERE
+
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """One page, or all pages of the list of some keys."""
+        asked = self._of_kind[phase.kind]
+        get = partial(self.service.get, endpoint=asked.path, service=phase.service)
+        if not asked.keyed:
+            (item,) = items
+            params = {**asked.params, asked.page: item.key}
+            yield Answer(phase.kind, asked.path, params, get(asked.path, params))
+            return
+        bare = (item.key.removeprefix(self._prefix(phase.kind)) for item in items)
+        keys, page = asked.split.join(bare), FIRST
+        while page:
+            params = {**asked.params, **({asked.page: page} if page != FIRST else {})}
+            try:
+                response = get(asked.path.format(keys=keys), params)
+            except ItemFinal as fact:
+                if len(items) == 1:
+                    raise
+                raise Retryable(str(fact)) from None  # of which of them, each by itself will say
+            page = asked.next_page(page, response)
+            noted = {**params, "keys": keys}
+            yield Answer(phase.kind, asked.path, noted, response, complete=not page)
+
+    def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
+        """What an answer lists, and which items it has answered."""
+        params, response = envelope.request.params, envelope.response
+        if kind == SEEDS:
+            frontier.add(self._counted, params["ids"])
+            return
+        phase = self._of_kind[kind]
+        entries = phase.listed(response)
+        page = params.get(phase.page, FIRST)
+        following = phase.next_page(page, response)
+        with frontier.transaction():
+            for other, at in phase.adds.items():
+                frontier.add(other, named(entries, at, self._prefix(other)))
+            if not phase.keyed:
+                frontier.add(kind, [page, *([following] if following else [])])
+                frontier.done(kind, page)
+                return
+            prefix = self._prefix(kind)
+            keys = [f"{prefix}{key}" for key in params["keys"].split(phase.split)]
+            if page == FIRST:
+                frontier.add(kind, keys)
+                frontier.mark(kind, keys, "in_progress")
+            if not phase.key:
+                answered = [] if following else keys
+            else:
+                answered = [key for key in named(entries, phase.key, prefix) if key in keys]
+            frontier.done(kind, *answered)
+            if phase.key and not following:
+                states = ((key, frontier.get(kind, key)) for key in keys)
+                absent = [key for key, state in states if state and state[0] == "in_progress"]
+                frontier.mark(kind, absent, "skipped", "not_found")
+
+    def _prefix(self, kind: str) -> str:
+        """What the keys of a kind begin with in the frontier, as the source declares."""
+        return self._source.tables.get(self._of_kind[kind].table, "")
+
+    def close(self) -> None:
+        """Close the connections."""
+        if "service" in self.__dict__:
+            self.service.close()
+
+    def plan(self, command: str, kinds: Sequence[str] = ()) -> Summary:
+        """What is left of `kinds`, by default of all, as far as it is known: sends nothing."""
+        assert self._source.service is not None
+        left: dict[str, int] = {}
+        counts: Mapping[str, Mapping[str, int]] = {}
+        path = Layout(self._run.root).state(self.name)
+        if path.is_file():
+            with reading.state(path) as frontier:
+                counts = frontier.kinds()
+                left = {kind: to_read(counts, kind) for kind in counts}
+                if self._again is not None and is_due(frontier, self._again):
+                    refreshed = self._source.refreshed
+                    left[refreshed] = sum(counts.get(refreshed, {}).values())
+                fresh = [k for k in self._known or () if frontier.get(self._counted, k) is None]
+                left[self._counted] = left.get(self._counted, 0) + len(fresh)
+        elif self._known is not None:
+            left[self._counted] = len(self._known)
+        lines, units = [], self._source.service.units
+        for phase in self._of_kind.values():
+            items = left.get(phase.kind, 0)
+            if not phase.keyed and self._known is None and (not left or self._run.again):
+                items = max(sum(counts.get(phase.kind, {}).values()), 1)
+            if phase.kind in (kinds or self._of_kind) and items:
+                asked = math.ceil(items / phase.batch)
+                hours = asked * self._source.service.seconds_between / 3600
+                spent = asked * units.get(phase.path, 1)
+                lines.append(PlanPhase(phase.unit, items, asked, spent, hours))
+        per_day = units_per_day(self._run, self._source)
+        days = math.ceil(sum(line.units for line in lines) / per_day) if per_day else None
+        assumed = ["one page a list, and nothing that is not listed yet"]
+        more = {} if days is None else {"days": days}
+        return Summary(plan(command, self.name, lines, assumed, **more))
