@@ -20,7 +20,7 @@ from kb.release import build
 
 def release_needs(run: Run) -> None:
     """Raises NotReleasable without licence, creator or contact."""
-    names = (name.partition("/")[2] for name in freshness.graph(run))
+    names = [name.removeprefix("release/") for name in freshness.graph(run)]
     build.refuse_unsigned(run.profile, names)
 
 

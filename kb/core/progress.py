@@ -28,6 +28,11 @@ EVENTS.setLevel(logging.INFO)
 EVENTS.addHandler(logging.NullHandler())
 
 
+def note_event(text: str, level: int = logging.INFO) -> None:
+    """One line of the log."""
+    EVENTS.log(level, "%s", terminal.one_line(text))
+
+
 class Task:
     """What is done of how much, how fast, and the stage's newest figures.
 
@@ -82,7 +87,7 @@ class Task:
             self.total = self.done
         self._changed()
         if self.name and (self.done or self.total):
-            EVENTS.info(self.line())
+            note_event(self.line())
 
     def __enter__(self) -> Self:
         return self
@@ -125,7 +130,7 @@ class Task:
     def _changed(self) -> None:
         if clock.monotonic() - self._logged >= LOG_S and not self.ended:
             self._logged = clock.monotonic()
-            EVENTS.info(self.line())
+            note_event(self.line())
         if self._show is not None:
             with self._lock:
                 self._show(self)
@@ -149,7 +154,7 @@ class Progress:
 
     def say(self, text: str) -> None:
         """Show one line, here only in the log."""
-        EVENTS.info(text)
+        note_event(text)
 
     def close(self) -> None:
         """Give the terminal back."""

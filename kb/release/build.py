@@ -6,7 +6,7 @@ release(run)     gate → describe each folder → gate over what was written
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -77,9 +77,9 @@ def release(
     )
 
 
-def refuse_unsigned(profile: Profile, names: Iterable[str]) -> None:
+def refuse_unsigned(profile: Profile, names: Collection[str]) -> None:
     """Raise NotReleasable unless the profile names a contact, a creator and these licences."""
-    unlicensed = profile.release.unlicensed(name for name in names if name in PUBLISHED)
+    unlicensed = profile.release.unlicensed(name for name in PUBLISHED if name in names)
     if unlicensed or profile.release.unsigned():
         raise _unsigned(profile, unlicensed)
 
