@@ -165,19 +165,22 @@ def test_merge_and_verify_live_with_records(job: Job, tmp_path: Path) -> None:
 
 def test_a_log_has_a_line_an_event_and_no_secret_or_purged_id(job: Job, tmp_path: Path) -> None:
     log = tmp_path / "log" / "kb.log"
-    key = "AIzaSecretSecret"
-    job.done("youtube", "crawl", KB_LOG=str(log), YOUTUBE_API_KEY=key)
+    key = job.env["YOUTUBE_API_KEY"]
+    refused = job.stopped("youtube", "crawl", code=1, KB_LOG=str(log), YOUTUBE_API_KEY="AIza-other")
+    job.done("youtube", "crawl", KB_LOG=str(log))
     job.done("youtube", "filter", "--log", str(log), "--workers", "2")
     (video,) = job.rows("SELECT video_id FROM clean.youtube_videos LIMIT 1")
     (tmp_path / "ids.txt").write_text(f"{video['video_id']}\nnever-there\n")
     job.done("purge", "youtube", "--ids", str(tmp_path / "ids.txt"), "--log", str(log))
     text = log.read_text(encoding="utf-8")
+    assert refused.removeprefix("kb: ") in text
     assert key not in text
+    assert "AIza-other" not in text
     assert video["video_id"] not in text
     lines = text.splitlines()
     for command in ("youtube crawl", "youtube filter", "purge youtube"):
         own = [line for line in lines if f" {command}[" in line]
-        assert "begins, version" in own[0]
+        assert any("begins, version" in line for line in own)
         assert "ends with exit code 0 after" in own[-1]
     assert any("metadata: 12/12" in line for line in lines)
 
