@@ -24,10 +24,12 @@ from kb.core.errors import DamagedData, MissingExtra
 _LABELS = ("source", "repository", "github", "homepage")  # of a package's addresses, best first
 
 
-def install_extra(extra: str = "") -> str:
-    """How to install an optional part of the software, or with "" the software itself."""
+def install_extra(extra: str = "", *, here: bool = True) -> str:
+    """How to install an optional part of the software, or with "" the software itself; `here`: as
+    it was set up on this machine.
+    """
     package = f'".[{extra}]"' if extra else "."
-    light = " LIGHT=0" if Path(sys.prefix, ".light").exists() else ""
+    light = " LIGHT=0" if here and Path(sys.prefix, ".light").exists() else ""
     return (
         f"run `make setup{light}` in the checkout of Lorecrawl, or `pip install -e {package}` there"
     )

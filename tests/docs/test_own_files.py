@@ -7,10 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.conftest import ROOT
 from tests.installed import outside
 from tests.youtube.ytdlp.folder import info, spoken, video_id, vtt
 
+LIGHT = ROOT / "tests" / "light.py"
 TEXT = (ROOT / "docs" / "own-files.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```bash\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
 SPEECH = (
@@ -61,39 +64,71 @@ def files_of_a_player(place: Path) -> None:
     (place / "dumps" / "chess.jsonl").write_text(lines)
 
 
-def test_own_files_become_pairs_a_search_and_a_draw(tmp_path: Path) -> None:
-    """Without network: the process has no address to send to but loopback's."""
-    files_of_a_player(tmp_path)
-    tools = tmp_path / "bin"
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files, and with `kb` as a light set-up has it."""
+    folder = tmp_path_factory.mktemp("chess")
+    files_of_a_player(folder)
+    tools = folder / "bin"
     tools.mkdir()
-    (tools / "kb").write_text(f'#!/bin/bash\nexec "{sys.executable}" -m kb "$@"\n')
+    (tools / "kb").write_text(f'#!/bin/bash\nexec "{sys.executable}" "{LIGHT}" "$@"\n')
     (tools / "kb").chmod(0o755)
-    first, *rest = BLOCKS
-    assert first.splitlines()[-1] == ". .venv/bin/activate"  # tests/package/test_setup.py
+    return folder
+
+
+def shell(place: Path, script: str) -> subprocess.CompletedProcess[str]:
+    """Run it there. Without network: the process has no address to send to but loopback's."""
     unreachable = dict.fromkeys(("http_proxy", "https_proxy"), "http://127.0.0.1:9")
-    done = subprocess.run(
-        ["bash", "-e", "-c", "".join(rest)],
-        cwd=tmp_path,
-        env={
-            **outside(),
-            **unreachable,
-            "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
-            "PYTHONPATH": str(ROOT),
-        },
+    tools = f"{place / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    return subprocess.run(
+        ["bash", "-e", "-c", script],
+        cwd=place,
+        env={**outside(), **unreachable, "PATH": tools},
         capture_output=True,
         text=True,
         check=False,
         stdin=subprocess.DEVNULL,
         timeout=300,
     )
+
+
+def test_own_files_become_pairs_a_search_and_a_draw(place: Path) -> None:
+    first, *rest = BLOCKS
+    assert first.splitlines()[-1] == ". .venv/bin/activate"  # tests/package/test_setup.py
+    done = shell(place, "".join(rest))
     assert done.returncode == 0, done.stdout + done.stderr
     out = done.stdout
     assert "profile check: 0 errors" in out
     assert re.search(r"^Sicilian Defence +\d+ +[5-8]$", out, re.MULTILINE)
     assert "reddit.com/r/chess/comments/abc1" in out
     assert "youtu" in out
-    drawn = (tmp_path / "draw" / "videos.txt").read_text().split()
+    drawn = (place / "draw" / "videos.txt").read_text().split()
     assert 1 <= len(drawn) <= 3
-    release = tmp_path / "data" / "chess" / "release"
+    release = place / "data" / "chess" / "release"
     assert (release / "pairs" / "README.md").is_file()
     assert 'family-names: "Doe"' in (release / "pairs" / "CITATION.cff").read_text()
+    assert "LIGHT" not in (release / "pairs" / "README.md").read_text(), "as on any machine"
+
+
+def test_what_a_light_set_up_lacks_is_named_with_its_extra_and_the_command(place: Path) -> None:
+    profile = place / "chess" / "profile.toml"
+    root = place / "data" / "chess"
+    if not root.exists():
+        assert shell(place, "".join(BLOCKS[1:4])).returncode == 0
+    text = profile.read_text().replace('toxicity = "off"', "")
+    wiki = '[wiki]\nurl = "http://127.0.0.1:9/"\n\n[youtube]'
+    profile.write_text(text.replace("[youtube]", wiki))
+    (place / "model").mkdir()
+    for words, extra in (
+        ("clips --videos videos", "clips"),
+        ("pairs score --videos videos --model model", "score"),
+        ("annotate youtube", "toxicity"),
+        ("wiki crawl", "wiki"),
+        ("mcp", "mcp"),
+        ("youtube filter --engine dask --scheduler tcp://127.0.0.1:9", "dask"),
+    ):
+        settings = "KB_DATA=data/chess KB_PROFILE=chess/profile.toml KB_CONTACT=a@chess-lab.net"
+        done = shell(place, f"{settings} kb {words}")
+        assert done.returncode == 2, (words, done.stderr)
+        assert "make setup LIGHT=0" in done.stderr, (words, done.stderr)
+        assert f'".[{extra}]"' in done.stderr, (words, done.stderr)

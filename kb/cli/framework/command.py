@@ -27,6 +27,7 @@ import signal
 import sys
 import tempfile
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -366,8 +367,22 @@ def _signals(resumable: bool) -> Iterator[None]:
         yield
 
 
+# What to do about the lines of libraries that serve, by the beginning of their names.
+_ADVICE = {
+    "uvicorn": "the pages go on; reload the one that failed, and run `kb verify` if it fails again",
+    "mcp": "the server goes on; `kb mcp --debug` shows what the client sent",
+}
+
+
 class Handler(logging.Handler):
-    """Prints log records, those of libraries (praw, urllib3, selenium …) as well, on stderr."""
+    """Prints log records, those of libraries (praw, urllib3, selenium …) as well, on stderr. Of a
+    line that is repeated, the second says so, and the others are in the log alone.
+    """
+
+    def __init__(self, *, debug: bool = False) -> None:
+        super().__init__()
+        self._debug = debug
+        self._counts: Counter[str] = Counter()
 
     def emit(self, record: logging.LogRecord) -> None:
         """One redacted line; never raises."""
@@ -375,6 +390,13 @@ class Handler(logging.Handler):
             message, _, trace = self.format(record).partition("\nTraceback ")
             line = f"{record.levelname.lower()}: {record.name}: {message}"
             text = terminal.one_line(redact.text(line))
+            self._counts[text] += 1
+            if not self._debug and (count := self._counts[text]) > 1:
+                if count == 2:
+                    again = "the same again; further ones are only in the log (--log FILE)"
+                    print(f"{text[:120]}: {again}", file=sys.stderr, flush=True)
+                return
+            text += f"; {advice}" if (advice := _ADVICE.get(record.name.partition(".")[0])) else ""
             if trace:  # indented, so that its lines can't be taken for lines of ours
                 within = redact.text(f"Traceback {trace}").splitlines()
                 text += "\n" + terminal.lines("\n".join(f"  {one}" for one in within))
@@ -390,5 +412,5 @@ def configure_logs(*, debug: bool) -> None:
         warnings.simplefilter("ignore")
         os.environ.setdefault("PYTHONWARNINGS", "ignore")
     root = logging.getLogger()
-    root.handlers[:] = [Handler()]
+    root.handlers[:] = [Handler(debug=debug)]
     root.setLevel(logging.DEBUG if debug else logging.WARNING)
