@@ -21,7 +21,7 @@ SLOW := crash or dask or mediawiki or slow or wheel
 help:               ## this list
 	@sed -n -e 's/^##@ \(.*\)/\1|/p' -e 's/^\([a-z-]*\):[^#]*## \(.*\)/\1|\2/p' '$(HERE)Makefile' | while IFS='|' read -r n d; do \
 	  if [ -n "$$d" ]; then printf '  make %-20s %s\n' "$$n" "$$d"; else printf '\n%s\n' "$$n"; fi; done
-setup:              ## make .venv with the locked dependencies, and find a browser
+setup:              ## make .venv with the locked dependencies, and find a browser; LIGHT=1: without torch and browser
 	@"$(HERE).ci/setup"
 demo: setup         ## the whole job on invented loopback services: no key, no network, minutes
 	@$(KB) demo $(ARGS)

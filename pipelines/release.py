@@ -11,10 +11,17 @@ folder or one repository of all: what the paper's authors made by hand.
 
 from collections.abc import Sequence
 
+from kb.artifacts import freshness
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.registry import PUBLISHED
 from kb.release import build
+
+
+def release_needs(run: Run) -> None:
+    """Raises NotReleasable without licence, creator or contact."""
+    names = [name.removeprefix("release/") for name in freshness.graph(run)]
+    build.refuse_unsigned(run.profile, names)
 
 
 def release(run: Run, only: Sequence[str] = ()) -> Summary:

@@ -288,7 +288,8 @@ def _is_possible(run: Run, name: str) -> bool:
     root, profile, maker = run.root, run.profile, ARTIFACTS[name].maker
     kind, _, rest = name.partition("/")
     if kind == "clean":
-        return getattr(profile, rest) is not None and rawlog.any_answer(root, rest)
+        but = (*SOURCES[rest].unfiltered, *SOURCES[rest].rowless)
+        return getattr(profile, rest) is not None and rawlog.any_answer(root, rest, but)
     if name == "release/open-text" and not profile.release.open_text:
         return ARTIFACTS[name].folder(root).exists()
     if name.endswith(CHUNKS) and not ARTIFACTS[name].manifest(root).exists():

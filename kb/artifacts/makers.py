@@ -23,6 +23,7 @@ from kb.core.errors import (
     FatalError,
     KbError,
     NothingKept,
+    NotReleasable,
     Stopped,
     UsageError,
     severity,
@@ -53,7 +54,7 @@ class Outcome(NamedTuple):
 
     def __str__(self) -> str:
         if self.outcome == LEFT_OUT:
-            return f"{LEFT_OUT}: {self.cause} failed"
+            return f"{LEFT_OUT}: {f'{self.cause} failed' if self.cause else self.error}"
         return f"{FAILED}: {self.error}" if self.error else self.outcome
 
 
@@ -176,7 +177,7 @@ def make_outdated(run: Run, outdated: Reasons) -> Iterator[Outcome]:
         yield outcome
         if outcome.outcome == STOPPED:
             break
-    if left_out := [one.artifact for one in lost.values() if one.outcome == LEFT_OUT]:
+    if left_out := [one.artifact for one in lost.values() if one.cause]:
         run.progress.say(f"left out, as what they are made of failed: {', '.join(left_out)}")
 
 
@@ -194,16 +195,24 @@ def _made(
         if not freshness.reasons(run, name):
             return Outcome(name, why, UNCHANGED)
         if name in blocked:
-            return Outcome(name, why, FAILED, blocked[name])
+            return _failed(name, why, blocked[name])
         run.progress.say(f"{name}: {', '.join(why)}")
         make_artifact(run, name)
     except GLOBAL_STOPS as error:
         return Outcome(name, why, STOPPED, error)
     except KbError as error:
         run.progress.say(f"{name} failed: {error}")
-        # Where nothing was kept, the tables are there, without rows.
-        return Outcome(name, why, MADE if isinstance(error, NothingKept) else FAILED, error)
+        return _failed(name, why, error)
     return Outcome(name, why, MADE)
+
+
+def _failed(name: str, why: list[str], error: KbError) -> Outcome:
+    """Where nothing was kept, the tables are there, without rows; a release that its owner has not
+    signed is no failure.
+    """
+    outcomes = {NothingKept: MADE, NotReleasable: LEFT_OUT}
+    outcome = next((outcomes[kind] for kind in outcomes if isinstance(error, kind)), FAILED)
+    return Outcome(name, why, outcome, error)
 
 
 def failure(outcomes: Iterable[Outcome]) -> KbError | None:

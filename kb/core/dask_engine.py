@@ -33,6 +33,7 @@ CONNECT_S, WORKERS_S = 15.0, 120.0  # a queue may take its time to start the fir
 SLICE_S, LOOK_S = 0.2, 3.0  # between looks for a signal; between questions after the workers
 ANSWER_S = 10.0  # for a worker's answer to what it has
 HAND_S = 10.0  # how long the task in hand may take to end after a signal
+_RECORDS = "kb-log"  # the topic of what workers log
 _TRIES = 3  # of a task whose workers have all gone
 _log = logging.getLogger("kb.dask")
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx|inproc)://.+|[\w.\-]+:\d+")
@@ -113,6 +114,7 @@ def dask_executor(
         except (OSError, TimeoutError) as error:
             raise _unreachable(f"no Dask scheduler at {where} ({type(error).__name__})") from None
         stack.callback(_close, client)
+        client.subscribe_topic(_RECORDS, _log_here)
         cluster = Cluster(client, where, root)
         cluster.begin()
         pool = Pool(cluster, most)
@@ -383,6 +385,25 @@ def _unreachable(what: str) -> Unreachable:
     return Unreachable(what, hint="start it, and its workers; then run the same command to resume")
 
 
+def _log_here(event: tuple[float, dict[str, Any]]) -> None:
+    """Log what a worker has logged."""
+    record = logging.makeLogRecord(event[1])
+    logging.getLogger(record.name).handle(record)
+
+
+class _ToClient(logging.Handler):
+    """Sends what a worker's task logs to the process of the command."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Never raises."""
+        from distributed import get_worker
+
+        names = ("name", "levelno", "levelname", "process")
+        with contextlib.suppress(Exception):
+            about = {name: getattr(record, name) for name in names}
+            get_worker().log_event(_RECORDS, {**about, "msg": record.getMessage()})
+
+
 def _call(
     environment: dict[str, str | None],
     fn: Callable[..., Any],
@@ -396,6 +417,8 @@ def _call(
         else:
             os.environ[name] = value
     without_pandas()
+    root = logging.getLogger()
+    root.handlers[:] = [_ToClient(logging.WARNING)]
     try:
         return fn(*args, **kwargs)
     except Exception as error:

@@ -6,6 +6,7 @@ never depends on the number of workers or the engine.
 """
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import signal
@@ -19,6 +20,8 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     ThreadPoolExecutor,
 )
+from logging.handlers import QueueHandler
+from multiprocessing.queues import Queue
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +30,8 @@ from kb.core.arrow_without_pandas import without_pandas
 from kb.core.context import Run
 from kb.core.dask_engine import Pool, dask_executor
 from kb.core.errors import FatalError, SettingError
+
+LISTEN_S = 2.0  # for the last records of workers that have ended
 
 
 class Inline(Executor):
@@ -50,8 +55,24 @@ class Processes(ProcessPoolExecutor):
     def __init__(self, workers: int) -> None:
         # spawn: DuckDB, Arrow and torch keep threads that a forked child would inherit broken.
         context = multiprocessing.get_context("spawn")
-        super().__init__(workers, mp_context=context, initializer=_begin_worker)
+        self._records: Queue[Any] = context.Queue()
+        self._records.cancel_join_thread()
+        given = (self._records, logging.getLogger().level)
+        super().__init__(workers, mp_context=context, initializer=_begin_worker, initargs=given)
         self.window = 2 * workers
+        self._listener = threading.Thread(target=self._listen, name="log-of-workers", daemon=True)
+        self._listener.start()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the workers, and take in the last records of theirs."""
+        super().shutdown(wait, cancel_futures=cancel_futures)
+        self._records.put(None)
+        self._listener.join(LISTEN_S)  # a killed worker may have left half a record
+
+    def _listen(self) -> None:
+        """Log here what workers log."""
+        while (record := self._records.get()) is not None:
+            logging.getLogger(record.name).handle(record)
 
 
 Workers = Inline | Processes | Pool
@@ -139,13 +160,17 @@ def map_in_order(
             future.cancel()
 
 
-def _begin_worker() -> None:
+def _begin_worker(records: "Queue[logging.LogRecord | None]", level: int) -> None:
     """Ctrl-C reaches the whole process group, but only the parent decides what it means; and a
-    worker ends with it. It loads what its tasks use and no more.
+    worker ends with it. It loads what its tasks use and no more, and sends what it logs to its
+    parent by `records`.
 
     A worker holds both ends of its queue, so that the death of a killed parent never shows there.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    root = logging.getLogger()
+    root.handlers[:] = [QueueHandler(records)]
+    root.setLevel(level)
     startup.collect_seldom()
     without_pandas()
     parent = multiprocessing.parent_process()

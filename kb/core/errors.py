@@ -64,6 +64,10 @@ class ProfileError(UsageError):
     """A profile can't be read, or a key or value in it is wrong."""
 
 
+class NotReleasable(ProfileError):
+    """The profile does not say what only the owner of a release can: licence, creator, contact."""
+
+
 class MissingCredential(UsageError):
     """A credential that the command needs is not set."""
 

@@ -10,6 +10,7 @@ import hashlib
 import importlib.metadata
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -23,10 +24,15 @@ from kb.core.errors import DamagedData, MissingExtra
 _LABELS = ("source", "repository", "github", "homepage")  # of a package's addresses, best first
 
 
-def install_extra(extra: str = "") -> str:
-    """How to install an optional part of the software, or with "" the software itself."""
+def install_extra(extra: str = "", *, here: bool = True) -> str:
+    """How to install an optional part of the software, or with "" the software itself; `here`: as
+    it was set up on this machine.
+    """
     package = f'".[{extra}]"' if extra else "."
-    return f"run `make setup` in the checkout of Lorecrawl, or `pip install -e {package}` there"
+    light = " LIGHT=0" if here and Path(sys.prefix, ".light").exists() else ""
+    return (
+        f"run `make setup{light}` in the checkout of Lorecrawl, or `pip install -e {package}` there"
+    )
 
 
 @cache

@@ -8,6 +8,7 @@ The total is what is known now: given once, or what is done and what `waiting` s
 discovery finds more. A task that an error ends stays as it is, partial.
 """
 
+import logging
 import sys
 import threading
 from collections.abc import Callable
@@ -18,6 +19,18 @@ from kb.core import clock, terminal
 RECOUNT_S = 0.5  # how often `waiting` is asked: it may read a large state
 SETTLED_S = 5.0  # before that, and that long after the total grew, the time left would be a guess
 RATE_S = 1.0  # before that a rate says how fast a machine counts
+LOG_S = 600.0  # how often the log has a line of a task that goes on
+
+EVENTS = logging.getLogger("kb.events")
+"""What the log of a command holds and the terminal shows otherwise (kb.core.run_log)."""
+EVENTS.propagate = False
+EVENTS.setLevel(logging.INFO)
+EVENTS.addHandler(logging.NullHandler())
+
+
+def note_event(text: str, level: int = logging.INFO) -> None:
+    """One line of the log."""
+    EVENTS.log(level, "%s", terminal.one_line(text))
 
 
 class Task:
@@ -40,7 +53,7 @@ class Task:
         self._waiting, self._show, self._most = waiting if show else None, show, total
         self._facts: dict[str, object] = {}
         self._lock = threading.RLock()
-        self.start = self._counted = self._grown = clock.monotonic()
+        self.start = self._counted = self._grown = self._logged = clock.monotonic()
         self._recount()
         self._changed()
 
@@ -73,6 +86,8 @@ class Task:
         if self.total is None and not stopped:
             self.total = self.done
         self._changed()
+        if self.name and (self.done or self.total):
+            note_event(self.line())
 
     def __enter__(self) -> Self:
         return self
@@ -90,7 +105,7 @@ class Task:
             words.append(f"{speed:,.1f}/s" if speed >= 1 else f"{speed * 60:,.1f}/min")
         since = min(elapsed, clock.monotonic() - self._grown)
         if not self.ended and 0 < self.done < (self.total or 0) and since >= SETTLED_S:
-            words.append(f"{_span(elapsed / self.done * ((self.total or 0) - self.done))} left")
+            words.append(f"{span(elapsed / self.done * ((self.total or 0) - self.done))} left")
         return words
 
     def facts(self) -> list[str]:
@@ -101,6 +116,11 @@ class Task:
             for name, value in words.items()
         ]
 
+    def line(self) -> str:
+        """Name, figures and facts in one line."""
+        first, *rest = (*self.figures(), *self.facts())
+        return ", ".join([f"{self.name}: {first}", *rest])
+
     def _recount(self) -> None:
         """Ask what waits, outside of our lock: the answer may need another one's."""
         if self._waiting is not None:
@@ -108,6 +128,9 @@ class Task:
             self.expect(self._waiting())
 
     def _changed(self) -> None:
+        if clock.monotonic() - self._logged >= LOG_S and not self.ended:
+            self._logged = clock.monotonic()
+            note_event(self.line())
         if self._show is not None:
             with self._lock:
                 self._show(self)
@@ -130,7 +153,8 @@ class Progress:
         return Task(name, total, unit, waiting, self.show)
 
     def say(self, text: str) -> None:
-        """Show one line."""
+        """Show one line, here only in the log."""
+        note_event(text)
 
     def close(self) -> None:
         """Give the terminal back."""
@@ -152,6 +176,7 @@ class LineProgress(Progress):
 
     def say(self, text: str) -> None:
         """Print one line."""
+        super().say(text)
         print(terminal.one_line(self._complete(text)), file=self._stream, flush=True)
 
     def show(self, task: Task) -> None:
@@ -165,12 +190,10 @@ class LineProgress(Progress):
             return
         else:
             self._printed[task] = now
-        first, *rest = (*task.figures(), *task.facts())
-        line = ", ".join([f"{task.name}: {first}", *rest])
-        print(terminal.one_line(line), file=self._stream, flush=True)
+        print(terminal.one_line(task.line()), file=self._stream, flush=True)
 
 
-def _span(seconds: float) -> str:
+def span(seconds: float) -> str:
     """Seconds as the two largest units, "3h 20m"."""
     minutes, _ = divmod(int(seconds), 60)
     hours, minutes = divmod(minutes, 60)

@@ -161,6 +161,7 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     only             who knows what no other source names: "only videos"
     noted            kinds of the frontier that are never fetched
     unfiltered       raw kinds that no filter reads: samples that measures compare, what lists named
+    rowless          raw kinds of which no row comes: what a crawl finds items by, what rows need
     crawl_settings   keys of its section of the profile that a crawl or a refresh reads, and no
                      filter
     files            folders below raw/<name> with captured files
@@ -204,6 +205,7 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     only: str = ""
     noted: tuple[str, ...] = ()
     unfiltered: tuple[str, ...] = ()
+    rowless: tuple[str, ...] = ()
     crawl_settings: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
     credential: str = ""

@@ -6,7 +6,7 @@ release(run)     gate → describe each folder → gate over what was written
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,9 @@ from kb.artifacts.release_folder import (
     read,
     tombstone_lines,
 )
+from kb.core.config.profile import Profile
 from kb.core.context import Run
-from kb.core.errors import ReleaseRefused, UsageError
+from kb.core.errors import NotReleasable, ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
 from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.core.summary import Summary
@@ -55,10 +56,13 @@ def release(
 ) -> Summary:
     """Check and describe every exported folder, or `only` those of some sources.
 
-    Raises ReleaseRefused with `.problems`, UsageError.
+    Raises ReleaseRefused with `.problems`, UsageError, NotReleasable.
     """
+    refuse_unsigned(run.profile, only or [folder.source for folder in folders.in_root(run.root)])
+    exports = exported(run, only)
+    if unlicensed := [one.source for one in exports if not measure.folder_licence(run, one)]:
+        raise _unsigned(run.profile, unlicensed)
     with domain_binding.writing(run, *RELEASES):
-        exports = exported(run, only)
         refuse(check.check(run, exports))
         facts = [write(run, folder, published[folder.source]) for folder in exports]
         refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
@@ -80,6 +84,23 @@ def write_overview(run: Run) -> None:
     """README.md above all folders that are described."""
     if text := overview(run.profile, folders.in_root(run.root)):
         write_text(Layout(run.root).release() / OVERVIEW, text)
+
+
+def refuse_unsigned(profile: Profile, names: Collection[str]) -> None:
+    """Raise NotReleasable unless the profile names a contact, a creator and these licences."""
+    unlicensed = profile.release.unlicensed(name for name in PUBLISHED if name in names)
+    if unlicensed or profile.release.unsigned():
+        raise _unsigned(profile, unlicensed)
+
+
+def _unsigned(profile: Profile, unlicensed: Sequence[str]) -> NotReleasable:
+    lacking = [f"no licence of {', '.join(unlicensed)}"] if unlicensed else []
+    lacking += [one.replace("a ", "no ", 1) for one in profile.release.unsigned()]
+    return NotReleasable(
+        f"the profile {profile.path} names {' and '.join(lacking)}",
+        hint="set [release.licenses], [[release.creators]] with a name, and release.contact, an"
+        " address for removal requests; then run `kb build`",
+    )
 
 
 def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:

@@ -167,3 +167,22 @@ def _first_class(selector: str) -> str:
     """The first class that a CSS selector names, if it does."""
     match = re.search(r"\.([A-Za-z_][\w-]*)", selector)
     return match[1] if match else ""
+
+
+def signed(profile: Profile) -> Profile:
+    """The profile with the default profile's contact, creator and licences where it has none, as
+    the world is invented.
+    """
+    section, default = profile.release, load_profile(DEFAULT).release
+    lacking = section.unsigned()
+    given: dict[str, Any] = {}
+    if "a contact" in lacking:
+        given["contact"] = default.contact
+    if "a creator" in lacking:
+        given["creators"] = default.creators
+    if unlicensed := section.unlicensed():
+        licences = {name: default.licence_of(name) for name in unlicensed}
+        given["licenses"] = licences | section.licenses
+    if not given:
+        return profile
+    return profile.model_copy(update={"release": section.model_copy(update=given)})

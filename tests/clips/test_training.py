@@ -80,8 +80,18 @@ def ran(place: Path) -> dict[str, Any]:
 @pytest.mark.slow
 def test_a_model_learns_from_films_what_shapes_stand_for(tmp_path: Path) -> None:
     """On videos that it has not seen, where guessing finds one of 32."""
-    *_, trained = run(made(tmp_path, {}), blocks("python")[:2])["accuracies"]
+    *_, trained = run(made(tmp_path, {}), blocks("python")[:3])["accuracies"]
     assert trained > 4 / BATCH
+
+
+def test_the_page_begins_with_ten_steps_of_a_line_each(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(place, blocks("python")[:1])
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[0] for line in lines] == [f"step {n}" for n in range(1, 11)]
+    losses = [float(re.findall(r"loss ([\d.]+),", line)[0]) for line in lines]
+    assert min(losses[-3:]) < losses[0]
 
 
 def test_the_training_loop_writes_a_model(ran: dict[str, Any], place: Path) -> None:

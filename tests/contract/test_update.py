@@ -97,6 +97,24 @@ def test_a_quota_ends_a_source_and_the_next_days_go_on(job: Job) -> None:
     assert [one for one, n in Counter(api).items() if n > 1] == []
 
 
+@pytest.mark.parametrize("reddit", [False, True])
+def test_a_quota_that_ended_the_first_crawl_before_any_item_is_no_failure(
+    job: Job, reddit: bool
+) -> None:
+    """Lists were read, and no video: there is nothing to make of them yet, but of the rest."""
+    job.profile(("[youtube]\n", "[youtube]\nunits_per_day = 2\n"))
+    job.stopped("youtube", "crawl", code=3)
+    if reddit:
+        job.done("reddit", "crawl")
+    for day in (10, 11):
+        if not job.raw("videos"):
+            done = job.done("update", KB_NOW=f"2027-01-{day}T12:00:00Z", code=3)
+            assert done["waits_for"] == f"quota until 2027-01-{day + 1}T08:00:00Z"
+            assert done.get("made", 0) > 0 if reddit else "made" not in done
+    job.profile(("units_per_day = 2\n", ""))
+    assert job.done("update", KB_NOW="2027-01-12T12:00:00Z")["made"] > 0
+
+
 def test_the_second_run_names_the_first(job: Job) -> None:
     job.done("youtube", "crawl")
     before = len(job.sandbox.ledger)

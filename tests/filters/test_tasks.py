@@ -7,10 +7,14 @@ from typing import Any
 
 import pytest
 
+from kb.core.config.pipeline import Recipe
+from kb.core.config.profile import load_profile
 from kb.core.errors import CountMismatch
 from kb.core.progress import Progress, Task
+from kb.core.sources import SOURCES
 from kb.export import layouts
 from kb.filters.filter_run import run_clean
+from kb.schema import raw
 from kb.store.state import tombstones
 from kb.store.tables import partition
 from tests.filters.made import (
@@ -132,3 +136,13 @@ def test_rows_of_a_bucket_that_is_gone_are_missed(root: Path, kind: str) -> None
     with pytest.raises(CountMismatch, match="can be read"):
         run_clean(replace(run_at(root), progress=Harming(harm)), "youtube")
     assert digests(root / "clean") == before
+
+
+def test_kinds_without_rows_of_their_own_are_declared() -> None:
+    """By them alone a source has nothing to filter, and no build looks after it."""
+    profile = load_profile("minecraft")
+    for source in SOURCES.values():
+        spread = Recipe(source.name).defined("clean")(profile).raw.kinds
+        kinds = {kind.partition("/")[2] for kind in raw.kinds() if kind.startswith(source.name)}
+        rowless = {kind for kind in kinds if kind not in spread or not spread[kind].bucket}
+        assert rowless == {*source.unfiltered, *source.rowless}

@@ -73,6 +73,9 @@ def checkout(tmp_path: Path) -> Path:
         "make",
         "sed",
         "env",
+        "awk",
+        "du",
+        "sleep",
     ):
         found = shutil.which(name)
         assert found, name
@@ -112,6 +115,29 @@ def test_first_call_installs_and_the_second_does_nothing(checkout: Path) -> None
     assert len(calls) == 4
     calls, done = setup(checkout)
     assert (calls, done.returncode, done.stdout, done.stderr) == ([], 0, "", "")
+
+
+def test_a_light_set_up_leaves_out_torch_and_the_browser_until_the_rest_is_asked_for(
+    checkout: Path,
+) -> None:
+    """`.venv` remembers it: targets that need set-up do not install the rest."""
+    (checkout / "tools" / "chromium").unlink()
+    calls, done = setup(checkout, LIGHT="1")
+    assert done.returncode == 0, done.stderr
+    assert "0.7 GB" in done.stderr
+    assert "make setup LIGHT=0" in done.stderr.splitlines()[-1]
+    assert [call.split()[0] for call in calls] == ["venv", "-m", "-m"]
+    assert "--require-hashes --no-deps --no-compile -r .venv/light.lock" in calls[1]
+    lock = (checkout / ".venv" / "light.lock").read_text()
+    names = set(re.findall(r"^([a-z0-9-]+)==", lock, re.MULTILINE))
+    assert names == set((checkout / ".ci" / "light.txt").read_text().split())
+    assert lock.count("--hash=") >= len(names)
+    assert setup(checkout)[0] == []
+    calls, done = setup(checkout, LIGHT="0")
+    assert done.returncode == 0, done.stderr
+    assert f"torch=={TORCH}+cpu" in " ".join(calls)
+    assert "apt-get install -y --no-install-recommends chromium chromium-driver" in calls
+    assert not any("pip" in call for call in setup(checkout)[0])
 
 
 @pytest.mark.parametrize("name", [".ci/requirements.lock", "pyproject.toml"])

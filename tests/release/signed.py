@@ -1,14 +1,22 @@
-"""The shipped profile with a creator and a contact, without which nothing is published."""
+"""The shipped profile with a creator and a contact that people can reach, without which nothing is
+published.
+"""
 
+import re
 import tempfile
 from functools import cache
 from pathlib import Path
 
 from kb.core.installation import folder
 
-LINES = """contact = "data@example.org"
+SIGNED = """contact = "data@example.org"
 creators = [{ name = "Doe, Jane" }]
 """
+LICENCES = (
+    "licenses = { youtube = 'CC-BY-4.0', reddit = 'CC-BY-4.0', pairs = 'CC-BY-4.0',"
+    " wiki = 'CC-BY-SA-4.0' }\n"
+)
+LINES = SIGNED + LICENCES
 
 
 _PLACE = tempfile.TemporaryDirectory(prefix="kb-signed-")  # removed at the end of the process
@@ -20,7 +28,7 @@ def signed() -> Path:
     shipped, place = folder("profiles") / "minecraft", Path(_PLACE.name)
     (place / "keywords.tsv").write_bytes((shipped / "keywords.tsv").read_bytes())
     text = (shipped / "profile.toml").read_text(encoding="utf-8")
-    (place / "profile.toml").write_text(
-        text.replace("[release]\n", f"[release]\n{LINES}", 1), encoding="utf-8"
-    )
+    before, _, after = re.split(r"(\[\[release\.creators]].*\nname = .*\n)", text)
+    before = re.sub(r"(?m)^contact = .*\n", SIGNED, before)
+    (place / "profile.toml").write_text(before + after, encoding="utf-8")
     return place / "profile.toml"

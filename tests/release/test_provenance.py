@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import logging
 import shutil
 from datetime import timedelta
 from pathlib import Path
@@ -12,10 +11,9 @@ import pytest
 from cffconvert import Citation
 
 from kb import __version__
-from kb.cli import main
 from kb.core import installation
 from kb.core.config.profile import load_profile
-from kb.core.errors import ProfileError
+from kb.core.errors import NotReleasable
 from kb.pairs import keywords
 from kb.release.publish.publish import publish
 from kb.store.state import tombstones
@@ -138,39 +136,30 @@ def test_rows_that_changed_and_why_others_went(tmp_path: Path) -> None:
     assert "| videos | 0 | 1 | 1 | removed 1 |" in card
 
 
-def test_creator_and_contact_are_asked_for_by_publish_alone(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+@pytest.mark.parametrize("lacking", ["contact", "creators", "licenses"])
+def test_a_release_and_publish_ask_for_licence_creator_and_contact(
+    lacking: str, tmp_path: Path
+) -> None:
     root = build(tmp_path, sources=("pairs",), n=10)
     path = tmp_path / "mine.toml"
-    bare = 'name = "mine"\ntitle = "Mine"\n[release]\nversion = "1.0.0"\n'
-    path.write_text(bare)
-    with caplog.at_level(logging.WARNING), Sandbox(services=["zenodo"]) as service:
-        release(a_run(root, path))
-        assert caplog.text == ""
-        for name, value in service.settings().items():
-            monkeypatch.setenv(name, value)
-        words = ["release", "publish", "--to", "zenodo-sandbox", "--data", str(root)]
-        with pytest.raises(SystemExit) as left:
-            main([*words, "--profile", str(path)])
-        assert left.value.code == 2
-        assert "no creator and no contact" in capsys.readouterr().err
+    head = 'name = "mine"\ntitle = "Mine"\n[release]\n'
+    lines = [line for line in LINES.splitlines() if not line.startswith(lacking)]
+    path.write_text(head + "\n".join(lines) + "\n")
+    before = sorted(root.rglob("*"))
+    named = {"contact": "no contact", "creators": "no creator"}.get(lacking, "no licence of pairs")
+    with Sandbox(services=["zenodo"]) as service:
         settings = {
             "kb_zenodo_endpoint": service.servers["zenodo"].url,
             "zenodo_token": service.settings()["ZENODO_TOKEN"],
         }
-        path.write_text(bare + 'contact = "me@example.org"\n')
-        with pytest.raises(ProfileError, match="names no creator"):
+        with pytest.raises(NotReleasable, match=named):
+            release(a_run(root, path))
+        assert sorted(root.rglob("*")) == before
+        with pytest.raises(NotReleasable, match=named):
             publish(a_run(root, path, **settings), "zenodo-sandbox")
-        path.write_text(bare + LINES)
-        with pytest.raises(ProfileError, match="was made before") as old:
-            publish(a_run(root, path, **settings), "zenodo-sandbox")
-        assert "kb release" in old.value.hint
         assert service.ledger.requests() == []
-        caplog.clear()
+        path.write_text(head + LINES)
         release(a_run(root, path))
-        assert not caplog.text
         assert publish(a_run(root, path, **settings), "zenodo-sandbox")["drafts"] == 1
 
 

@@ -203,6 +203,8 @@ def update(
     chosen = _steps_due(run, sources or [])
     if plan:
         return _planned_update(run, chosen)
+    from kb.artifacts import freshness
+
     done: dict[str, dict[str, Any]] = {name: {} for name in chosen}
     failures: list[tuple[str, KbError]] = []
     for name, step in ((name, step) for name, steps in chosen.items() for step in steps):
@@ -225,7 +227,9 @@ def update(
             if isinstance(error, GLOBAL_STOPS):
                 break
     summary = Summary(command="update", sources=done)
-    if not any(isinstance(error, GLOBAL_STOPS) for _, error in failures):
+    if failures and not freshness.graph(run):
+        run.progress.say("kb build: nothing to make yet, as no item has been read")
+    elif not any(isinstance(error, GLOBAL_STOPS) for _, error in failures):
         try:
             built: dict[str, Any] = build(run)
         except KbError as error:

@@ -24,7 +24,7 @@ from kb.core import signals
 from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.core.errors import MissingExtra, SettingError, UsageError
-from kb.core.progress import Progress
+from kb.core.progress import Progress, span
 from kb.core.sources import SOURCES, made_of
 from kb.core.summary import Summary
 from kb.store.layout import TOP, Layout
@@ -42,6 +42,9 @@ _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
 _DUMPS = "dumps"  # in the root of an older demo
 _REMOVED = ".demo.old"  # what a demo that starts over moves out of the way
 _ANSWERS = 2
+_WHAT = """\
+the whole job on invented services of this machine, a few minutes, without a network: crawls of
+YouTube, a wiki and Reddit, filters, pairs, tasks, links, index, report, release, then queries"""
 
 
 @command(
@@ -72,6 +75,8 @@ def demo(options: Options) -> Summary:
 
 def play(options: Options, without: Collection[str] = (), **size: Any) -> Summary:
     """The demo without some steps, in a world of this size (n_channels …; kb.sandbox.world)."""
+    began = time.monotonic()
+    _say(options, _WHAT)
     from kb.artifacts.data_roots import is_root
     from kb.cli.commands.profile_files import refuse
     from kb.core.config.profile import DEFAULT, load_profile
@@ -121,7 +126,9 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
         place = root.with_name(f".{root.name}-dumps")
         try:
             given = {"reddit import": {"files": dumps(services.world.reddit, place)}}
-            return _all(steps, job.defined("QUERIES"), words, run, services, given)
+            done = _all(steps, job.defined("QUERIES"), words, run, services, given)
+            _say(options, f"the demo took {span(time.monotonic() - began)}")
+            return done
         finally:
             shutil.rmtree(place, ignore_errors=True)
 

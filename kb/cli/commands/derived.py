@@ -65,6 +65,7 @@ links_app = group("Find which videos, wiki pages and threads mention which entit
     again="Match every source again, even if its clean tables have not changed.",
     json="entities, with_page, links, mentions, sources",
     data="reads",
+    records=True,
     checks=True,
     examples=[
         "kb links                                 what has changed since the last run",
@@ -93,6 +94,7 @@ report_app = group("Make figures and one HTML page about the collected data.")
 @command(
     report_app,
     data="reads",
+    records=True,
     uses=("workers",),
     json="figures, page, without",
     examples=["kb report                                then open report/index.html"],

@@ -105,6 +105,7 @@ def _all(options: Options, online: bool) -> Iterator[Line]:
     yield from _root(run)
     yield from _clock(run)
     yield from _programs(run)
+    yield from _release(run)
     yield from _settings(run.settings)
     yield from _network(run)
     if options.engine != "local":
@@ -279,6 +280,19 @@ def _programs(run: Run) -> Iterator[Line]:
         yield OK, "toxicity model", f"{model.model} ({model.path})", ""
     except (KbError, DamagedData) as error:
         yield PROBLEM, "toxicity model", str(error), error.hint
+
+
+def _release(run: Run) -> Iterator[Line]:
+    """Who releases the data, and under which licence."""
+    section = run.profile.release
+    unlicensed = section.unlicensed()
+    lacking = [f"a licence of {', '.join(unlicensed)}"] if unlicensed else []
+    lacking += section.unsigned()
+    if not lacking:
+        yield OK, "release", "licence, creator and contact are set", ""
+        return
+    fix = "name it in [release] of the profile; until then `kb build` makes all but the release"
+    yield NOTE, "release", f"the profile lacks {', '.join(lacking)}", fix
 
 
 def _settings(settings: Settings) -> Iterator[Line]:

@@ -325,6 +325,7 @@ class FrameFit(StrEnum):
     json="pairs, clips, missing, short, undecodable, film_differs, videos, unknown_length, path",
     planned=("videos", "keyword", "pairs", "where", "sample", "size", "frames", "format"),
     data="reads",
+    records=True,
     examples=[
         "kb clips --videos films --plan                    files, hours and size; cuts nothing",
         "kb clips --videos films --out clips               webdataset shards, 16 frames per clip",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,6 +35,7 @@ app = group("Make and check the profile of a new domain.")
         "kb profile new gardening                 a folder with profile.toml and keywords.tsv",
         "kb profile new gardening --wiki https://wiki.example.org --subreddit gardening",
         "kb profile new mine --from minecraft     start from another profile's values",
+        "kb profile new mine --licence CC-BY-4.0 --creator 'Doe, Jane' --contact doe@uni.edu",
     ],
 )
 def new(
@@ -51,6 +53,19 @@ def new(
         str | None,
         typer.Option("--from", metavar="NAME|FILE", help="Copy the values of this profile."),
     ] = None,
+    licence: Annotated[
+        str | None,
+        typer.Option(
+            "--licence", metavar="SPDX", help="Licence of what you release, such as CC-BY-4.0."
+        ),
+    ] = None,
+    creator: Annotated[
+        str | None, typer.Option("--creator", metavar="NAME", help="Who makes the data set.")
+    ] = None,
+    contact: Annotated[
+        str | None,
+        typer.Option("--contact", metavar="ADDRESS", help="Where requests for removal go."),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -64,11 +79,16 @@ def new(
     """Write a commented profile and keyword list for a new domain, ready to be filled in.
 
     The profile lists every key with its default, unit and purpose; FILL-IN marks what only you
-    know. Nothing is overwritten. Finally the next commands are printed.
+    know. On a terminal it asks for licence, creator and contact of a release unless they are given;
+    without them everything but a release is made. Nothing is overwritten. Finally the next commands
+    are printed.
     """
     from kb.cli.commands.profile_files import as_argument, write_new
 
-    folder, files = write_new(name, out, source=source, wiki=wiki, subreddit=subreddit)
+    owner = {"licence": licence, "creator": creator, "contact": contact}
+    if sys.stdin.isatty() and sys.stderr.isatty() and not options.json:
+        owner = {key: given or _asked(key) for key, given in owner.items()}
+    folder, files = write_new(name, out, source=source, wiki=wiki, subreddit=subreddit, owner=owner)
     argument = as_argument(name, folder)
     if options.json:
         show_summary({"command": "profile new", "path": str(folder)}, True)
@@ -77,6 +97,18 @@ def new(
     typer.echo(f"  kb profile check {argument}")
     typer.echo(f"  kb demo --profile {argument} --data data/{name}-demo")
     typer.echo(f"  kb youtube crawl --profile {argument} --data data/{name} --plan")
+
+
+_QUESTIONS = {
+    "licence": "Licence of what you release, such as CC-BY-4.0 (Enter: decide later)",
+    "creator": "Who makes the data set: family name, given name (Enter: decide later)",
+    "contact": "E-mail or web address for requests for removal (Enter: decide later)",
+}
+
+
+def _asked(key: str) -> str | None:
+    answer: str = typer.prompt(_QUESTIONS[key], default="", show_default=False, err=True)
+    return answer.strip() or None
 
 
 @command(

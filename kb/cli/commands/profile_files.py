@@ -12,6 +12,7 @@ import shlex
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from kb.core.config.addresses import is_loopback
@@ -19,6 +20,7 @@ from kb.core.config.pipeline import own
 from kb.core.config.profile import load_profile, shipped_names
 from kb.core.config.profile.check import Checked, check_file
 from kb.core.config.profile.new import KEYWORDS, profile_text
+from kb.core.config.profile.release import Release
 from kb.core.config.section import (
     ERROR,
     NOTE,
@@ -220,8 +222,11 @@ def write_new(
     source: str | None = None,
     wiki: str | None = None,
     subreddit: str | None = None,
+    owner: Mapping[str, str | None] = MappingProxyType({}),
 ) -> tuple[Path, list[str]]:
     """Write the files, and return their folder and names. Nothing is overwritten.
+
+    `owner` may have licence, creator and contact of a release.
 
     Raises SettingError for a wrong name or URL and for an existing file, ProfileError for a
     `source` that can't be read.
@@ -230,7 +235,11 @@ def write_new(
     given = {"wiki.url": ("--wiki", wiki), "reddit.subreddit": ("--subreddit", subreddit)}
     values = {key: value for key, (_, value) in given.items() if value is not None}
     base = load_profile(source) if source is not None else None
-    text = profile_text(name, values=values, source=base)
+    signed = _signed(**owner)
+    asked = {"release.contact": "contact"}
+    asked |= dict.fromkeys((f"release.licenses.{one}" for one in Release().unlicensed()), "licence")
+    given |= {key: (f"--{option}", owner.get(option)) for key, option in asked.items()}
+    text = profile_text(name, values=values | signed, source=base)
     _check_given(text, given)
     files = {PROFILE_FILE: text}
     if base is None:
@@ -279,6 +288,18 @@ def _check_name(name: str) -> None:
         f"invalid profile name {name!r}: use only lower-case letters, digits, - and _",
         hint=f"write {plain}" if plain else "for example rock-gardens",
     )
+
+
+def _signed(
+    *, licence: str | None = None, creator: str | None = None, contact: str | None = None
+) -> dict[str, Any]:
+    """Keys of [release]; one licence is for all folders but the wiki's, whose pages name one."""
+    known = {
+        "release.licenses": licence and dict.fromkeys(Release().unlicensed(), licence),
+        "release.creators": creator and ({"name": creator},),
+        "release.contact": contact,
+    }
+    return {key: value for key, value in known.items() if value}
 
 
 def _check_given(text: str, given: Mapping[str, tuple[str, str | None]]) -> None:

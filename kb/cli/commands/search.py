@@ -51,6 +51,7 @@ class HitKind(StrEnum):
 @command(
     index_app,
     data="reads",
+    records=True,
     resumable=False,
     again="Rebuild the index of every source, even if its clean tables have not changed.",
     json="passages, indexed, sources",

@@ -1,14 +1,20 @@
 """`kb status`: progress of a collection, for a person or as JSON."""
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show
 from kb.cli.framework.options import Options
 from kb.core import terminal
+from kb.core.progress import span
 from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
+
+if TYPE_CHECKING:
+    from kb.store.state.run_records import RunRecord
 
 _COPIES = "restored", "released"
 _SHOWN_REASONS = 5
@@ -20,23 +26,64 @@ app = group("Show progress, quota, age of the data and what is left.")
     app,
     raw=True,
     resumable=False,
-    json="sources (each with phases, quota, rows and age), disk_bytes, next",
+    json="sources (each with phases, quota, rows and age), disk_bytes, next; with --runs: runs",
     data="may read",
-    examples=["kb status", "kb status --json", "kb status --data data/demo"],
+    examples=[
+        "kb status",
+        "kb status --json",
+        "kb status --data data/demo",
+        "kb status --runs               the last runs: when, how long, exit code, what they made",
+    ],
 )
-def status(options: Options) -> None:
+def status(
+    options: Options,
+    runs: Annotated[
+        bool, typer.Option("--runs", help="The runs that wrote here, the newest first.")
+    ] = False,
+) -> None:
     """Show progress by phase, quota spent and left, age of the data, what is left, and disk use.
 
-    Only reads, and can run during a crawl.
+    Only reads, and can run during a crawl. --runs shows the last 1,000 runs instead; one that was
+    killed leaves no record.
     """
     from kb.cli.commands.overview import overview
 
+    if runs:
+        _show_runs(options)
+        return
     about = overview(options.make_run(needs="root"))
     if options.json:
         print(json.dumps(about, default=str))
     else:
         for line in lines(about):
             show(line)
+
+
+def _show_runs(options: Options) -> None:
+    from msgspec import to_builtins
+
+    from kb.store.state.run_records import kept
+
+    records = list(kept(options.make_run(needs="root").root))
+    if options.json:
+        print(json.dumps({"runs": [to_builtins(one) for one in records]}))
+    elif not records:
+        show("no run has written here yet")
+    else:
+        rows = [("start", "took", "exit", "command")]
+        rows += [(one.start, span(one.seconds), str(one.exit_code), one.command) for one in records]
+        more = ["", *map(_made, records)]
+        for cells, made in zip(terminal.table(rows), more, strict=True):
+            show(f"{cells}  {made}".rstrip())
+
+
+def _made(record: "RunRecord") -> str:
+    """What a run made, in a few words."""
+    words = [f"{outcome} {', '.join(names)}" for outcome, names in record.made.items()]
+    words += [f"waits for {record.waits_for}"] if record.waits_for else []
+    words += [vocabulary.nouns(record.figures)] if not record.made else []
+    words += [f"changed: {', '.join(record.settings)}"] if record.settings else []
+    return "; ".join(filter(None, words))
 
 
 def lines(about: dict[str, Any]) -> list[str]:

@@ -27,6 +27,7 @@ import signal
 import sys
 import tempfile
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -37,26 +38,37 @@ import typer
 import typer.core
 import typer.main
 
+from kb import __version__
 from kb.cli.framework import messages
 from kb.cli.framework.exit_codes import refuse_options_before_command, refuse_unknown, report
 from kb.cli.framework.options import (
     COMMON,
     DUMPS,
     RUNNING,
+    RUNS,
     SHARED,
     WRITTEN,
     DataUse,
     Options,
     shared_option,
 )
-from kb.core import signals, startup, terminal
-from kb.core.errors import SettingError
+from kb.cli.framework.run_trace import OWN, log_end, logging_of, record_run
+from kb.core import clock, signals, startup, terminal
+from kb.core.errors import SettingError, UsageError
 from kb.core.installation import cache_root
+from kb.core.progress import EVENTS
 from kb.net import redact
+
+_names: list[str] = []  # of the command that runs
 
 
 class _Sections:
     """For a command, and for a group that is a command as well (`kb pairs`, `kb release`)."""
+
+    def invoke(self: Any, ctx: Any) -> Any:
+        """Run it; its name stands in the log and in the record of its run."""
+        _names[:] = [ctx.command_path.removeprefix("kb ")]
+        return super().invoke(ctx)  # type: ignore[misc]
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
         """Arguments, own options, how to run it, common options."""
@@ -165,6 +177,7 @@ def command(
     cls: type[Command] = Command,
     planned: Sequence[str] = (),
     checks: bool = False,
+    records: bool | None = None,
 ) -> Callable[[Function], Function]:
     """Declare a command of `app`.
 
@@ -183,7 +196,9 @@ def command(
     `planned`: options, own ones included, that affect its `--plan`.
     `checks`: an error in the profile or its keyword lists ends the command (exit code 2) before
     anything is sent.
+    `records`: a run leaves a record in state/runs; by default, that of a command that writes.
     """
+    recorded = data in ("writes", "makes") if records is None else records
 
     def declare(function: Function) -> Function:
         own = typer.Typer(rich_markup_mode=None, add_completion=False)
@@ -202,7 +217,7 @@ def command(
             if name in used or (name in COMMON and name not in without)
         ]
         made.function = function
-        made.callback = partial(_call, function, raw, resumable, data, planned, checks)
+        made.callback = partial(_call, function, raw, resumable, data, planned, checks, recorded)
         if main:
             app.run_as(made)
         else:
@@ -219,10 +234,13 @@ def _call(
     use: DataUse,
     planned: Sequence[str],
     checks: bool,
+    records: bool,
     /,
     **values: Any,
 ) -> int:
-    """Run a command with the values of its own and the shared options; return the exit code."""
+    """Run a command with the values of its own and the shared options; return the exit code. Its
+    events go to the log, and its run leaves a record.
+    """
     startup.collect_seldom()
     needs = "profile" if "profile" in values else "nothing"
     shared = {name: values.pop(name) for name in SHARED if name in values}
@@ -231,9 +249,38 @@ def _call(
         if isinstance(value, (list, tuple)):
             values[name] = list(value) or None
     messages.set_options(options.data, options.profile)
+    RUNS.clear()
+    name, start, began = _names[-1], clock.now(), clock.monotonic()
+    try:
+        configure_logs(debug=options.debug)
+        with logging_of(options, name):
+            EVENTS.info("begins, version %s", __version__, extra=OWN)
+            answer = partial(_answer, function, raw, resumable, planned, checks, needs)
+            code, summary = answer(options, values)
+            seconds = clock.monotonic() - began
+            log_end(code, seconds, summary)
+            records = records or bool(values.get("repair"))
+            if records and code != UsageError.exit_code and not values.get("plan"):
+                record_run(name, start, seconds, code, summary)
+    finally:
+        messages.set_options()  # for the next call in this process
+    return code
+
+
+def _answer(
+    function: Callable[..., Any],
+    raw: bool,
+    resumable: bool,
+    planned: Sequence[str],
+    checks: bool,
+    needs: str,
+    options: Options,
+    values: dict[str, Any],
+) -> tuple[int, Mapping[str, Any]]:
+    """The exit code of a command, and its summary, which is printed."""
+    summary: Any = None
     try:
         with _signals(resumable):
-            configure_logs(debug=options.debug)
             if values.get("plan"):
                 _check_plan_options(function, options, values, planned)
             else:
@@ -249,14 +296,14 @@ def _call(
             if summary is not None:
                 messages.show_summary(summary, options.json)
     except typer.Exit as done:
-        return done.exit_code
+        return done.exit_code, summary or {}
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  everything ends here
-        return report(
+        code = report(
             error, debug=options.debug, as_json=options.json, places=_written(options.data)
         )
-    finally:
-        messages.set_options()  # for the next call in this process
-    return 0
+        waits_for = getattr(error, "waits_for", "")
+        return code, {**(getattr(error, "summary", None) or {}), "waits_for": waits_for}
+    return 0, summary if isinstance(summary, Mapping) else {}
 
 
 def _check_places(options: Options, values: Mapping[str, Any]) -> None:
@@ -320,8 +367,22 @@ def _signals(resumable: bool) -> Iterator[None]:
         yield
 
 
+# What to do about the lines of libraries that serve, by the beginning of their names.
+_ADVICE = {
+    "uvicorn": "the pages go on; reload the one that failed, and run `kb verify` if it fails again",
+    "mcp": "the server goes on; `kb mcp --debug` shows what the client sent",
+}
+
+
 class Handler(logging.Handler):
-    """Prints log records, those of libraries (praw, urllib3, selenium …) as well, on stderr."""
+    """Prints log records, those of libraries (praw, urllib3, selenium …) as well, on stderr. Of a
+    line that is repeated, the second says so, and the others are in the log alone.
+    """
+
+    def __init__(self, *, debug: bool = False) -> None:
+        super().__init__()
+        self._debug = debug
+        self._counts: Counter[str] = Counter()
 
     def emit(self, record: logging.LogRecord) -> None:
         """One redacted line; never raises."""
@@ -329,6 +390,13 @@ class Handler(logging.Handler):
             message, _, trace = self.format(record).partition("\nTraceback ")
             line = f"{record.levelname.lower()}: {record.name}: {message}"
             text = terminal.one_line(redact.text(line))
+            self._counts[text] += 1
+            if not self._debug and (count := self._counts[text]) > 1:
+                if count == 2:
+                    again = "the same again; further ones are only in the log (--log FILE)"
+                    print(f"{text[:120]}: {again}", file=sys.stderr, flush=True)
+                return
+            text += f"; {advice}" if (advice := _ADVICE.get(record.name.partition(".")[0])) else ""
             if trace:  # indented, so that its lines can't be taken for lines of ours
                 within = redact.text(f"Traceback {trace}").splitlines()
                 text += "\n" + terminal.lines("\n".join(f"  {one}" for one in within))
@@ -344,5 +412,5 @@ def configure_logs(*, debug: bool) -> None:
         warnings.simplefilter("ignore")
         os.environ.setdefault("PYTHONWARNINGS", "ignore")
     root = logging.getLogger()
-    root.handlers[:] = [Handler()]
+    root.handlers[:] = [Handler(debug=debug)]
     root.setLevel(logging.DEBUG if debug else logging.WARNING)

@@ -7,6 +7,7 @@ are completed with the --data and --profile of this call, so that they can be ty
 from __future__ import annotations
 
 import json
+import logging
 import re
 import shlex
 import sys
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.core import terminal
 from kb.core.errors import Stopped
+from kb.core.progress import note_event
 from kb.net import redact
 
 if TYPE_CHECKING:  # `kb --help` loads this module
@@ -73,12 +75,16 @@ def complete(words: str) -> str:
 
 def fail(message: str, *, hint: str = "") -> None:
     """One line on stderr about what ended the command."""
-    _to_stderr(f"kb: {' '.join(message.split())}" + (f"; {hint}" if hint else ""))
+    text = " ".join(message.split()) + (f"; {hint}" if hint else "")
+    note_event(text, logging.ERROR)
+    _to_stderr(f"kb: {text}")
 
 
 def warn(message: str) -> None:
     """One line on stderr about something that does not end the command."""
-    _to_stderr(f"warning: {' '.join(message.split())}")
+    text = " ".join(message.split())
+    note_event(text, logging.WARNING)
+    _to_stderr(f"warning: {text}")
 
 
 def warn_stale(run: Run) -> None:

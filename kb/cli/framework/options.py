@@ -34,6 +34,9 @@ class Engine(StrEnum):
     dask = "dask"
 
 
+RUNS: list[Run] = []
+"""Those that the command which runs now has made; a nested one makes its own."""
+
 DataUse = Literal["writes", "makes", "reads", "may read", "ignores"]
 """What a command does with its data root, which decides what it accepts as `--data`:
 
@@ -100,6 +103,15 @@ class Options:
     ] = False
     json: Annotated[bool, typer.Option("--json")] = False
     debug: Annotated[bool, typer.Option("--debug", help="More log lines, and tracebacks.")] = False
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            "--log",
+            metavar="FILE",
+            help="Append a line an event to FILE; a new one begins at 10 MB, five are kept."
+            " [default: KB_LOG]",
+        ),
+    ] = None
     use: DataUse = "ignores"
 
     def make_run(
@@ -161,7 +173,7 @@ class Options:
             root = self.check_root(root, named="kb_data" in loaded.model_fields_set)
         if needs == "profile":
             loaded, profile = in_demo_root(root, loaded, profile)
-        return Run(
+        run = Run(
             settings=loaded,
             profile=profile,
             root=root,
@@ -174,6 +186,8 @@ class Options:
             scheduler=self.scheduler,
             progress=choose_progress(quiet=self.quiet),
         )
+        RUNS.append(run)
+        return run
 
     def check_root(self, root: Path, *, named: bool) -> Path:
         """The data root that an existing `root` names (see `existing`), if `use` allows it; `named`
@@ -190,7 +204,7 @@ class Options:
 
 # Each command describes these itself.
 DESCRIBED = ("limit", "again", "json")
-COMMON = ("data", "profile", "quiet", "json", "debug")
+COMMON = ("data", "profile", "quiet", "json", "debug", "log")
 SHARED = tuple(field.name for field in fields(Options) if field.name != "use")
 # Options of single commands that name what is written; none of it may lie in a download.
 WRITTEN = ("out", "env", "truth", "films")
@@ -332,6 +346,7 @@ class Bars(Progress):
 
     def say(self, text: str) -> None:
         """Print one line above the bars."""
+        super().say(text)
         shown = terminal.one_line(with_options(text))
         if self._live is not None:
             self._live.console.print(shown, highlight=False, markup=False)
@@ -382,14 +397,20 @@ def _live_bars() -> Any:
 def in_demo_root(root: Path, settings: Settings, profile: Profile) -> tuple[Settings, Profile]:
     """Settings and profile for another command in a demo's root; unchanged in any other root.
 
-    The root's scores are the tiny model's, so that model is used again unless the user names
-    another. Scoring stays off where the demo had to do without the model.
+    What only an owner can say of a release, the demo's world says of its own. The root's scores are
+    the tiny model's, so that model is used again unless the user names another. Scoring stays off
+    where the demo had to do without the model.
     """
     from kb.store.state import demo_mark
 
-    if demo_mark.read(root) is None or "kb_toxicity_model" in settings.model_fields_set:
+    if demo_mark.read(root) is None:
         return settings, profile
     from kb.sandbox import toxicity
+    from kb.sandbox.domain import signed
+
+    profile = signed(profile)
+    if "kb_toxicity_model" in settings.model_fields_set:
+        return settings, profile
 
     try:
         model = str(toxicity.tiny_checkpoint())

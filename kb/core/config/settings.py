@@ -68,6 +68,7 @@ class Settings(BaseSettings):
     )
     zenodo_token: SecretStr | None = Field(None, description="token for `kb release publish`")
     hf_token: SecretStr | None = Field(None, description="token of the Hugging Face hub")
+    kb_log: Path | None = Field(None, description="file that a command's events are appended to")
     kb_contact: str | None = Field(None, description="e-mail or web address in the User-Agent")
     kb_data: Path = Field(Path("data"), description="the data root")
     kb_profile: str | None = Field(

@@ -155,7 +155,7 @@ def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
         "facts": facts,
         "law": licence(facts.licence),
         "notes": notes(facts),
-        "install": install_extra(PUBLISHED[facts.source].extra),
+        "install": install_extra(PUBLISHED[facts.source].extra, here=False),
         "release": section,
         "software": _software(),
         "address": software_address(),

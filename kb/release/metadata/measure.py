@@ -208,9 +208,7 @@ def folder_licence(run: Run, folder: ReleaseFolder) -> str:
         for name, _ in licences(folder, of.main):
             if name in KNOWN:
                 return name
-    given = run.profile.release.licenses
-    # What else is made from sources is an index as the pairs are, and may be under their licence.
-    return given.get(folder.source) or ("" if folder.source in SOURCES else given.get("pairs", ""))
+    return run.profile.release.licence_of(folder.source)
 
 
 def licences(folder: ReleaseFolder, *tables: str) -> tuple[tuple[str, int], ...]:

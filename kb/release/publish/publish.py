@@ -5,22 +5,19 @@ To Zenodo one deposit a folder, a draft by default, new versions of old records
 (kb.release.publish.repository). Both resume an interrupted upload.
 """
 
-import tomllib
 from typing import Any
 
 from kb.artifacts import domain_binding
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core import signals
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.release import Release
 from kb.core.config.section import is_placeholder
 from kb.core.context import Run
 from kb.core.errors import KbError, ProfileError
-from kb.core.installation import PROFILE_FILE
 from kb.core.summary import Summary
 from kb.core.summary.plan import plan as make_plan
 from kb.net.session import HttpSession, host_of
-from kb.release.build import exported, refuse
+from kb.release.build import exported, refuse, refuse_unsigned
 from kb.release.gate import GateProblem, check
 from kb.release.metadata.measure import models
 from kb.release.publish import repository, upload
@@ -105,7 +102,7 @@ def _deposit(
 
 def _check(run: Run, exports: list[ReleaseFolder], to: str, *, loopback: bool) -> None:
     """Raises ProfileError and ReleaseRefused for what may not be published."""
-    _signed(run, exports)
+    refuse_unsigned(run.profile, [folder.source for folder in exports])
     refuse(
         [
             *([] if loopback else _marked(run, exports)),
@@ -120,25 +117,6 @@ def _check(run: Run, exports: list[ReleaseFolder], to: str, *, loopback: bool) -
             f"the contact of the profile {run.profile.path} is the placeholder {contact}",
             hint="set release.contact to an address that you read; then run `kb release` again",
         )
-
-
-def _signed(run: Run, exports: list[ReleaseFolder]) -> None:
-    """Raises ProfileError where profile or folders don't say who made them and whom to write to."""
-    lacking = run.profile.release.unsigned()
-    if lacking:
-        raise ProfileError(
-            f"the profile {run.profile.path} names no {' and no '.join(lacking).replace('a ', '')}",
-            hint="add [[release.creators]] with a name, and release.contact, an address for removal"
-            " requests; then run `kb release` again",
-        )
-    for folder in exports:
-        used = folder.path / PROFILE_FILE
-        section = tomllib.loads(used.read_text(encoding="utf-8")) if used.is_file() else {}
-        if used.is_file() and Release.model_construct(**section.get("release", {})).unsigned():
-            raise ProfileError(
-                f"{folder.path} was made before the profile named a creator and a contact",
-                hint="run `kb release` again",
-            )
 
 
 def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:

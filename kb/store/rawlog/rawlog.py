@@ -13,7 +13,7 @@ never cut (kb.store.rawlog.quarantine).
 import os
 import re
 import uuid
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -211,14 +211,14 @@ def read(root: Path, source: str, kind: str) -> Iterator[Envelope]:
             yield decode(line)
 
 
-def any_answer(root: Path, source: str) -> bool:
-    """Whether a source has answers on disk, readable or not."""
+def any_answer(root: Path, source: str, but: Collection[str] = ()) -> bool:
+    """Whether a source has answers on disk, readable or not, of other kinds than these."""
     # A closed segment held some, whatever is left of it; in an open one there may be none yet.
     return any(
         not path.name.endswith(".open")
         or next(iter(Frames(path, skip_damage=True)), None) is not None
         for path in all_segments(root, source)
-        if path.parent.name != SEEDS
+        if path.parent.name not in (SEEDS, *but)
     )
 
 

@@ -311,3 +311,22 @@ def test_nothing_on_stderr_or_stdout_acts(capsys: pytest.CaptureFixture[str]) ->
         assert r"\x1b]0;t\x07" in stream
     lines = done.err.splitlines()
     assert [line for line in lines if line.startswith("kb: ")] == [lines[-2]]
+
+
+def test_a_repeated_line_says_once_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    """Of servers' libraries too, whose lines a port scanner can repeat without end."""
+    handlers = logging.getLogger().handlers[:]
+    try:
+        configure_logs(debug=False)
+        for _ in range(4):
+            logging.getLogger("uvicorn.error").warning("Invalid HTTP request received.")
+            logging.getLogger("mcp.server").warning("Failed to validate request")
+        logging.getLogger("kb.youtube").warning("another")
+    finally:
+        logging.getLogger().handlers[:] = handlers
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 5
+    assert "the pages go on" in lines[0]
+    assert "kb mcp --debug" in lines[1]
+    assert all("--log FILE" in line for line in lines[2:4])
+    assert lines[4] == "warning: kb.youtube: another"

@@ -8,11 +8,12 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.core.errors import ReleaseRefused
+from kb.core.errors import NotReleasable, ReleaseRefused
 from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.gate.refusals import changed, refused, rewritten
 from tests.release.made import build
+from tests.release.signed import SIGNED
 
 Rows = list[dict[str, Any]]
 
@@ -29,10 +30,9 @@ def test_wiki_without_licence(tmp_path: Path) -> None:
         ("wiki",),
     )
     profile = tmp_path / "mine.toml"
-    profile.write_text('name = "mine"\ntitle = "Mine"\n')
-    assert refused(tmp_path, profile=profile) == [
-        "licence: wiki/LICENSE: none is given; set wiki in [release.licenses] of the profile"
-    ]
+    profile.write_text(f'name = "mine"\ntitle = "Mine"\n[release]\n{SIGNED}')
+    with pytest.raises(NotReleasable, match="names no licence of wiki"):
+        release(a_run(tmp_path, profile=profile))
 
 
 def test_wiki_under_a_licence_that_no_release_can_carry(tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_wiki_under_a_licence_that_no_release_can_carry(tmp_path: Path) -> None:
     )
     profile = tmp_path / "mine.toml"
     profile.write_text(
-        'name = "mine"\ntitle = "Mine"\n[release.licenses]\nwiki = "CC-BY-NC-SA-3.0"\n'
+        f'name = "mine"\ntitle = "Mine"\n[release]\n{SIGNED}licenses = {{ wiki = "CC0-1.0" }}\n'
     )
     (line,) = refused(tmp_path, profile=profile)
     assert line.startswith(

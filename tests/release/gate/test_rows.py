@@ -13,6 +13,7 @@ from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.gate.refusals import changed, refused, rewritten, with_first
 from tests.release.made import build
+from tests.release.signed import LINES
 
 Rows = list[dict[str, Any]]
 
@@ -131,7 +132,7 @@ def test_a_release_without_scores_says_so(tmp_path: Path) -> None:
 
     build(tmp_path, edit, ("youtube", "pairs"))
     profile = tmp_path / "mine.toml"
-    profile.write_text('name = "mine"\ntitle = "Mine"\ntoxicity = "off"\n')
+    profile.write_text('name = "mine"\ntitle = "Mine"\ntoxicity = "off"\n[release]\n' + LINES)
     release(a_run(tmp_path, profile=profile))
     for source in ("youtube", "pairs"):
         folder = tmp_path / "release" / source

@@ -82,7 +82,8 @@ def test_secret_in_the_profile_that_the_card_would_show(tmp_path: Path) -> None:
     profile = tmp_path / "mine.toml"
     profile.write_text(
         "\n".join(f"{key} = {json.dumps(value)}" for key, value in kept.items())
-        + f'\n[release]\ncontact = "{SECRETS["zenodo_token"]}"\n'
+        + f'\n[release]\ncontact = "{SECRETS["zenodo_token"]}"\ncreators = [{{ name = "Me" }}]\n'
+        + 'licenses = { youtube = "CC-BY-4.0" }\n'
     )
     lines = refused(tmp_path, profile=profile)
     assert "secret: youtube/README.md: it contains the value of a setting" in lines

@@ -22,6 +22,7 @@ from kb.release.metadata.templates import render
 from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.made import build, rows
+from tests.release.signed import LICENCES, SIGNED
 
 
 def card(released: Path, source: str) -> str:
@@ -125,7 +126,7 @@ def test_words_of_the_data_are_never_markup_nor_lines(tmp_path: Path) -> None:
     profile.write_text(
         f'name = "mine"\ntitle = {json.dumps(HOSTILE)}\n[release]\ncontact ='
         f" {json.dumps(HOSTILE)}\n"
-        f"creators = [{{ name = {json.dumps(HOSTILE)} }}]\n"
+        f"creators = [{{ name = {json.dumps(HOSTILE)} }}]\n{LICENCES}"
     )
     release(a_run(build(tmp_path, edit, ("wiki",)), profile))
     folder = tmp_path / "release" / "wiki"
@@ -180,7 +181,8 @@ def test_wiki_that_names_no_licence_takes_the_profiles(tmp_path: Path) -> None:
 
     profile = tmp_path / "mine.toml"
     profile.write_text(
-        'name = "mine"\ntitle = "Mine"\n[release.licenses]\nwiki = "CC-BY-NC-SA-3.0"\n'
+        f'name = "mine"\ntitle = "Mine"\n[release]\n{SIGNED}'
+        '[release.licenses]\nwiki = "CC-BY-NC-SA-3.0"\n'
     )
     release(a_run(build(tmp_path, edit, ("wiki",)), profile))
     assert "CC-BY-NC-SA-3.0" in (tmp_path / "release" / "wiki" / "LICENSE").read_text()

@@ -13,7 +13,7 @@ from kb.verify.root import verify
 from tests.recipes import release
 from tests.release.conftest import SOURCES, TABLES, a_run
 from tests.release.made import build, rows
-from tests.release.signed import signed
+from tests.release.signed import LICENCES, LINES, signed
 
 
 @pytest.mark.parametrize("name", TABLES)
@@ -112,7 +112,7 @@ def test_names_and_orcids_reach_citation_and_deposit(tmp_path: Path) -> None:
         'name = "mine"\ntitle = "Mine: \\"quoted\\""\n[release]\nhomepage ='
         ' "https://kb.example.org"\ncontact = "https://kb.example.org/remove"\nversion = "2.0.1"\n'
         'creators = [{ name = "Doe, Jane", affiliation = "A: B", orcid = "0000-0002-1825-0097" }, '
-        '{ name = "The group" }]\n'
+        f'{{ name = "The group" }}]\n{LICENCES}'
     )
     release(a_run(build(tmp_path, sources=("pairs",)), profile))
     folder = tmp_path / "release" / "pairs"
@@ -136,7 +136,7 @@ def test_language_of_the_profile_reaches_the_deposit(
     profile = tmp_path / "mine.toml"
     profile.write_text(
         'name = "mine"\ntitle = "Mine"\n[youtube]\nkeywords = ["x"]\ncategory_ids ='
-        f' [20]\nlanguage = "{written}"\n'
+        f' [20]\nlanguage = "{written}"\n[release]\n{LINES}'
     )
     release(a_run(build(tmp_path, sources=("pairs",), n=10), profile))
     folder = tmp_path / "release" / "pairs"

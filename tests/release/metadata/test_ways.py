@@ -17,6 +17,7 @@ from kb.store.tables.shard_writer import write_table
 from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.made import START, build, filled
+from tests.release.signed import LINES
 
 EARLY = datetime(2026, 10, 20, tzinfo=UTC)
 SEARCH = "Channels were found by keyword search in the YouTube Data API v3."
@@ -233,7 +234,7 @@ def test_the_authors_answers_are_in_the_datasheet(tmp_path: Path) -> None:
     for answered in (False, True):
         answers = {name: f"We say {number} <b>*" for number, name in enumerate(QUESTIONS)}
         lines = [f"datasheet.{name} = {json.dumps(text)}" for name, text in answers.items()]
-        head = ['name = "mine"', 'title = "Mine"', "[release]"]
+        head = ['name = "mine"', 'title = "Mine"', "[release]", LINES]
         profile.write_text("\n".join(head + lines * answered) + "\n")
         release(a_run(tmp_path / "root", profile))
         sheet = (tmp_path / "root/release/reddit/DATASHEET.md").read_text()

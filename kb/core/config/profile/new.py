@@ -22,6 +22,8 @@ from kb.core.config.section import FILL_IN, model_in, sources_first
 from kb.core.sources import SOURCES
 
 _WIDTH = 98
+# What only the owner of a release can say of it.
+OWNERS = ("release.licenses", "release.creators", "release.contact")
 _SECTIONS = {name: model_in(Profile.model_fields[name].annotation) for name in SOURCES}
 # What stands first: what to say of it, and its value. Of a source that is not collected, the line
 # goes.
@@ -84,10 +86,12 @@ def profile_text(
     source: Profile | None = None,
 ) -> str:
     """The text of a profile.toml named `name`. `values`, by full names of keys, win over the
-    source's.
+    source's. Who releases the data, and under which licence, is copied from no shipped profile.
     """
     if source:
         title, known = source.title, dict(_values("", source))
+        if source.is_shipped:
+            known = {key: value for key, value in known.items() if key not in OWNERS}
     else:
         title = " ".join(part.capitalize() for part in re.split("[-_]+", name))
         known = {key: _filled(value, title) for key, (_, value) in _FIRST.items()}
@@ -146,9 +150,11 @@ def _key(key: str, field: FieldInfo, known: Mapping[str, Any]) -> Iterator[str]:
     """A key with what it is for; behind # where it has its default."""
     default = field.get_default(call_default_factory=True)
     value = known.get(key, default)
-    yield "\n" + _comment("; ".join(filter(None, [field.description, _allowed(field, value)])))
+    is_set = value is not None and not (value == {} and field.examples)
+    allowed = _allowed(field, value) if is_set else "not set"
+    yield "\n" + _comment("; ".join(filter(None, [field.description, allowed])))
     sign = "" if key in known else "#"
-    if value is None:
+    if not is_set:
         value = _example(field)
     if not isinstance(value, dict):
         yield _behind(sign, f"{key} = {_toml(value)}")
@@ -164,8 +170,6 @@ def _allowed(field: FieldInfo, value: Any) -> str:
     """The limits of a value, or the words that it is one of."""
     if typing.get_origin(field.annotation) is typing.Literal:
         return "one of " + ", ".join(json.dumps(one) for one in typing.get_args(field.annotation))
-    if value is None:
-        return "not set"
     if isinstance(value, dict) and value:
         return "change all of these lines or none"
     lines = []

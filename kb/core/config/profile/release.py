@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from pydantic import Field, field_validator
 
 from kb.core.config.section import Section
-from kb.core.sources import BY_DEFAULT, PUBLISHED
+from kb.core.sources import BY_DEFAULT, PUBLISHED, SOURCES
 
 
 class Creator(Section):
@@ -109,11 +111,10 @@ class Release(Section):
         (), description="Zenodo communities that the deposit is offered to"
     )
     licenses: dict[str, str] = Field(
-        default_factory=lambda: {
-            name: PUBLISHED[name].licence for name in BY_DEFAULT if PUBLISHED[name].licence
-        },
-        description="SPDX id of each folder's licence; the wiki's own licence is used when its"
-        " pages name one",
+        default_factory=dict,
+        description="SPDX id of each folder's licence, which is yours to choose; nothing is"
+        " released without. The wiki's own licence is used when its pages name one",
+        examples=[dict.fromkeys(("youtube", "reddit", "pairs"), "CC-BY-4.0")],
     )
     shard_mb: float = Field(
         256,
@@ -158,6 +159,21 @@ class Release(Section):
         """What it lacks to say who made a release: "a creator", "a contact"."""
         creator = [] if "creators" in self.model_fields_set else ["a creator"]
         return creator + ([] if self.contact or self.homepage else ["a contact"])
+
+    def licence_of(self, folder: str) -> str:
+        """SPDX id that the profile gives a folder; "" where it gives none. What is made from
+        sources is an index as the pairs are, and may be under their licence.
+        """
+        of_pairs = "" if folder in SOURCES else self.licenses.get("pairs", "")
+        return self.licenses.get(folder) or of_pairs
+
+    def unlicensed(self, folders: Iterable[str] = BY_DEFAULT) -> list[str]:
+        """Those of these folders that have no licence, but for those whose rows name their own."""
+        return [
+            name
+            for name in folders
+            if not (PUBLISHED[name].part_of or PUBLISHED[name].licensed or self.licence_of(name))
+        ]
 
     def published_at(self, source: str) -> PublishedAt:
         """DOI and address of a folder, as far as they are given."""

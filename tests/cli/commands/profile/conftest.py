@@ -28,6 +28,9 @@ keyword_files = ["keywords.tsv"]
 [release]
 contact = "me@gardens.wiki"
 creators = [{ name = "Doe, Jane" }]
+licenses.youtube = "CC-BY-4.0"
+licenses.reddit = "CC-BY-4.0"
+licenses.pairs = "CC-BY-4.0"
 """
 
 
