@@ -45,7 +45,7 @@ _SETTINGS = {
 _RULES = {
     "clean/youtube": 4,
     "clean/reddit": 3,
-    "pairs": 8,
+    "pairs": 9,
     "tasks": 2,
     "links": 2,
     "export/text": 2,

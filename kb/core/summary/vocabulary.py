@@ -186,6 +186,10 @@ WORDS: dict[str, Word] = {
         "{n} everyday words alone",
     ),
     "excluded": Word("Matches that the keyword list excludes.", "{n} excluded"),
+    "fast_videos": Word(
+        "Videos with more words a second than people speak, over their length (above 5.5).",
+        "{n} videos with more words than people speak",
+    ),
     "outside": Word("Matches whose clip would exceed the video.", "{n} outside of the video"),
     "entities": Word("Keywords of the profile, each an entity.", "{n} entities"),
     "with_page": Word("Entities that have a page of the wiki.", "{n} with a wiki page"),
