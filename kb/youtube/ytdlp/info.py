@@ -262,8 +262,8 @@ def read_at(record: dict[str, Any]) -> datetime | None:
 def rows(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """Envelopes of ytdlp_info → one row a video, with the columns of `answers.videos`.
 
-    Null is what a file can't tell. Besides: `stream_width`, `stream_height` (px), `stream_fps`,
-    `lists_tracks`, `manual_tracks`, `automatic_tracks`.
+    Null is what a file can't tell. Besides: the largest stream's width and height (px) and
+    `stream_fps`; `lists_tracks`, `manual_tracks`, `automatic_tracks`.
     """
     for got, _ in ColumnReader(table("youtube/videos"), "ytdlp_info").tables(lines):
         yield _as_videos(got.filter(pc.is_valid(got["video_id"])))
