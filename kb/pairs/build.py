@@ -22,7 +22,6 @@ from kb.artifacts.parted_build import (
 from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.installation import np
-from kb.core.languages import one_name
 from kb.core.summary import Summary
 from kb.core.summary.vocabulary import count
 from kb.pairs import keywords as lists
@@ -57,7 +56,7 @@ def build(run: Run) -> Summary:
         "section": section.model_dump(mode="json"),
         "seed": run.seed,
         "keywords": lists.plain(keywords),
-        "language": one_name(run.profile.language),
+        "language": run.profile.language,
     }
     with writer(run.root, "pairs"):
         if is_current(run, "pairs"):

@@ -43,7 +43,7 @@ _SETTINGS = {
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
 _RULES = {
-    "clean/youtube": 4,
+    "clean/youtube": 5,
     "clean/reddit": 3,
     "pairs": 9,
     "tasks": 2,
@@ -143,7 +143,7 @@ def _declared() -> Iterator[Artifact]:
             reads=tuple(f"{source}/{short}" for short in SOURCES[source].indexed),
             maker=Maker("index", "index", (source,)),
             settings=("youtube.language",),
-            rules=8,
+            rules=9,
         )
     yield Artifact(
         "report",

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from kb.core.config.profile import Profile
+from kb.core.languages import primary_language
 from kb.sandbox.speech import Cast
 from kb.youtube.section import YouTubeSection
 
@@ -256,7 +257,7 @@ def _spoken(track: Track, language: str) -> Track:
     """English stands for the profile's language, and for its own where that is another."""
     if language == "en":
         return track
-    base = track.language.split("-")[0]
+    base = primary_language(track.language)
     spoken = language if base == "en" else "en" if base == language else track.language
     return replace(track, language=spoken)
 
