@@ -1,23 +1,66 @@
-"""One name for each language: services and files still use codes that ISO 639 has replaced."""
+"""Languages are compared as languages: `eng`, `en-001` and `en_US` are English, `iw` is `he`, `ger`
+and `deu` are `de`, `cmn` and `zh-Hant` are Chinese. The package langcodes knows their codes.
+"""
 
-# As programs of speech recognition write them.
-_CODES = {
-    "arabic": "ar", "chinese": "zh", "czech": "cs", "danish": "da", "dutch": "nl", "english": "en",
-    "finnish": "fi", "french": "fr", "german": "de", "greek": "el", "hindi": "hi",
-    "hungarian": "hu", "indonesian": "id", "italian": "it", "japanese": "ja", "korean": "ko",
-    "norwegian": "nb", "polish": "pl", "portuguese": "pt", "romanian": "ro", "russian": "ru",
-    "spanish": "es", "swedish": "sv", "thai": "th", "turkish": "tr", "ukrainian": "uk",
-    "vietnamese": "vi",
-}  # fmt: skip
-_NEWER = {"iw": "he", "in": "id", "ji": "yi", "no": "nb", "jw": "jv"}
+import re
+from functools import cache
+
+import langcodes
+from langcodes.registry_parser import parse_registry
+from langcodes.tag_parser import LanguageTagError
+
+_NONE = ("mis", "mul", "und", "zxx")  # ISO 639's codes of no, several or an unknown language
 
 
-def one_name(code: str) -> str:
-    """The code with today's name of its language: `he` for `iw`, `he-IL` for `iw-IL`."""
-    language, dash, region = code.partition("-")
-    return f"{_NEWER.get(language, language)}{dash}{region}"
+@cache
+def tag(code: str) -> str:
+    """The one tag (BCP 47) of a language with its script and region: `he-IL` of `iw_IL`, `de` of
+    `ger`. What is no tag stays as it is.
+    """
+    if not langcodes.tag_is_valid(code):
+        return code
+    # langcodes keeps the older code of Bokmål.
+    return re.sub(r"^no\b", "nb", langcodes.standardize_tag(code, macro=True))
+
+
+@cache
+def primary_language(code: str) -> str:
+    """The language alone, by its shortest code: `es` of `es-419`, `en` of `eng`."""
+    return re.split("[-_]", tag(code))[0].lower()
+
+
+def is_same_language(code: str, other: str) -> bool:
+    """Whether two codes name one language, whatever their scripts and regions."""
+    return primary_language(code) == primary_language(other)
+
+
+def is_language(code: str) -> bool:
+    """Whether a code names one language that is known."""
+    return langcodes.tag_is_valid(code) and primary_language(code) not in _NONE
+
+
+def three_letters(code: str) -> str | None:
+    """ISO 639-2's terminological code of a language, `deu` of `de`; None for what has none."""
+    try:
+        return langcodes.Language.get(primary_language(code)).to_alpha3()
+    except (LookupError, LanguageTagError):
+        return None
 
 
 def code_of(name: str) -> str:
-    """The code of a language that may be given by its English name; else the name as it is."""
-    return _CODES.get(name.lower(), name)
+    """The tag of a language that may be given by its English name; else the name as it is."""
+    return tag(name if is_language(name) else _by_name().get(name.lower(), name))
+
+
+@cache
+def _by_name() -> dict[str, str]:
+    """English names in IANA's registry with their codes, such as "greek" of "Modern Greek (1453-)".
+    The first of a name counts: those of two letters come first.
+    """
+    names: dict[str, str] = {}
+    for entry in parse_registry():  # type: ignore[no-untyped-call]
+        if entry["Type"] == "language":
+            for name in entry["Description"]:
+                plain = re.sub(r"\s*\(.*\)", "", name).removeprefix("Modern ").lower()
+                names.setdefault(plain, entry["Subtag"])
+    return names

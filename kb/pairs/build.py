@@ -22,11 +22,12 @@ from kb.artifacts.parted_build import (
 from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.installation import np
-from kb.core.languages import one_name
 from kb.core.summary import Summary
+from kb.core.summary.vocabulary import count
 from kb.pairs import keywords as lists
 from kb.pairs import quality, transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of
+from kb.pairs.quality import FASTEST_SPEECH
 from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.tables.shard_writer import sorted_shards
@@ -41,6 +42,7 @@ _TOTALS = (
     "excluded",
     "outside",
     "pairs",
+    "fast_videos",
 )
 
 
@@ -54,7 +56,7 @@ def build(run: Run) -> Summary:
         "section": section.model_dump(mode="json"),
         "seed": run.seed,
         "keywords": lists.plain(keywords),
-        "language": one_name(run.profile.language),
+        "language": run.profile.language,
     }
     with writer(run.root, "pairs"):
         if is_current(run, "pairs"):
@@ -68,6 +70,13 @@ def build(run: Run) -> Summary:
             quality.finish(parted.rows, parted.build.folder)
             _write_measures(run, parted.build)
             parted.build.figures = _figures(parted, keywords)
+            if fast := parted.build.figures["fast_videos"]:
+                run.progress.say(
+                    f"{count(fast, '{n} videos')} with more than {FASTEST_SPEECH} words a second"
+                    " over the whole length, which nobody speaks: their captions are doubled or no"
+                    f" speech; `kb pairs draw --where 'video_words_per_second <= {FASTEST_SPEECH}'`"
+                    " leaves them out"
+                )
     return _summary(run.root)
 
 
@@ -115,6 +124,7 @@ def make_part(folder: str, name: str, path: str, first: int, after: int) -> dict
     for text in transcripts.texts(Path(path), first, after):
         batch = pairs_of(text, tools)
         counts.add(batch.counts)
+        counts.totals["fast_videos"] += int((text.words_per_second > FASTEST_SPEECH).sum())
         rows.append(batch.rows)
         figures.append(quality.of_batch(text, batch, language))
     quality.write_part(folder, name, figures)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 _TABLE = "pairs/quality"
 
+FASTEST_SPEECH = 5.5  # words a second that nobody speaks over the length of a video
 NEAR = 5  # words before and after the keyword in which a verb is looked for
 _ENOUGH = 0.1  # share of function words that decides the language
 _FOLDER = Path(__file__).with_name("data")
@@ -61,6 +62,7 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> tuple[pa.Table, pa.
     # How much later (s) each match would begin if the words of its cue shared its time evenly; null
     # where its own time is known no better.
     at, mine = batch.match[0], np.rint(np.asarray(batch.rows["match_start_s"]) * 1000)
+    rates = pa.array(np.round(text.words_per_second, 4), from_pandas=True)
     later_s = pa.array((text.shared_out(at) - mine) / 1000, mask=~text.timed(at))
     pairs = pa.table(
         {
@@ -78,6 +80,7 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> tuple[pa.Table, pa.
             "words_per_second": pc.if_else(
                 pc.greater(seconds, 0), pc.divide(counts.cast(pa.float64()), seconds), None
             ),
+            "video_words_per_second": rates.take(pa.array(batch.video)),
         }
     )
     videos = pa.table(

@@ -264,6 +264,14 @@ class Text:
         spoken = np.minimum(number - 1 - first + after, count)
         return self.cue_start[cue] + span * spoken // np.maximum(count, 1)
 
+    @cached_property
+    def words_per_second(self) -> np.ndarray:
+        """Spoken words of each video by its length; NaN where it has none."""
+        words = self.before(self.video_end) - self.before(self.video_at)
+        seconds = np.where(self.length > 0, self.length / 1000, np.nan)
+        rate: np.ndarray = words / seconds
+        return rate
+
     @property
     def word_count(self) -> int:
         return max(0, len(self.words) - self._walls)

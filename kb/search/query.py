@@ -36,16 +36,16 @@ _MEANT = {
     "newer", "newest", "old", "older", "oldest", "small", "smaller", "smallest", "way", "ways",
     "young",
 }  # fmt: skip
-_LISTED_AS = {"nn": "nb", "no": "nb"}  # language codes as the package stop-words has them
+_LISTED_AS = {"nn": "nb"}  # language codes as the package stop-words has them
 
 
 @cache
 def function_words(language: str) -> frozenset[str]:
     """Words that a language makes sentences and questions with, as the package stop-words lists
-    them; "don't" is "don" and "t". None for a language that it does not know.
+    them; "don't" is "don" and "t". None for a language that it does not know. Its code is the
+    shortest, as profiles have it.
     """
-    code = language.partition("-")[0].lower()
-    code = _LISTED_AS.get(code, code)
+    code = _LISTED_AS.get(language, language)
     listed = get_stop_words(code) if code in LANGUAGE_MAPPING else []
     parts = {part for word in listed for part in re.findall(r"\w+", word.lower())}
     return frozenset(parts - _MEANT)

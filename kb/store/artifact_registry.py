@@ -43,10 +43,10 @@ _SETTINGS = {
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
 _RULES = {
-    "clean/youtube": 4,
+    "clean/youtube": 5,
     "clean/reddit": 3,
     "clean/wiki": 3,
-    "pairs": 8,
+    "pairs": 9,
     "tasks": 2,
     "links": 2,
     "export/text": 2,
@@ -144,7 +144,7 @@ def _declared() -> Iterator[Artifact]:
             reads=tuple(f"{source}/{short}" for short in SOURCES[source].indexed),
             maker=Maker("index", "index", (source,)),
             settings=("youtube.language",),
-            rules=8,
+            rules=9,
         )
     yield Artifact(
         "report",

@@ -1,8 +1,10 @@
 """`kb pairs` on a data root: the same bytes however the work is cut, resumed and refilled."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -12,6 +14,7 @@ from kb.artifacts.measures import read_measures, write_measure
 from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.errors import FatalError, ProfileError, SettingError
+from kb.core.progress import LineProgress
 from kb.pairs import build as building
 from kb.pairs.restore import refill
 from kb.store.layout import Layout
@@ -155,3 +158,27 @@ def test_without_transcripts_or_section(run: Run) -> None:
         make_and_export(
             replace(run, profile=run.profile.model_copy(update={"pairs": None})), "pairs"
         )
+
+
+def test_videos_with_more_words_than_people_speak_are_counted_and_said(
+    run: Run, data, make_rows, capsys: pytest.CaptureFixture[str]
+) -> None:
+    transcripts, lengths = data
+    doubled, ids = lengths["video_id"][:3].to_pylist(), lengths["video_id"].to_pylist()
+    short = pa.array(
+        [
+            seconds / 20 if video in doubled else seconds
+            for video, seconds in zip(ids, lengths["duration_s"].to_pylist(), strict=True)
+        ]
+    )
+    fill(run.root, transcripts, lengths.set_column(1, "duration_s", short), make_rows)
+    run = replace(run, progress=LineProgress(sys.stderr))
+    summary = make_and_export(run, "pairs")
+    assert summary["fast_videos"] == 3
+    assert "3 videos with more than 5.5 words a second" in capsys.readouterr().err
+    rows = pq.read_table([*(run.root / "release/pairs").glob("quality-*.parquet")])
+    rate = dict(
+        zip(*(rows[n].to_pylist() for n in ("video_id", "video_words_per_second")), strict=True)
+    )
+    assert {video for video, words in rate.items() if words > 5.5} <= {*doubled}
+    assert all(1 < words < 5.5 for video, words in rate.items() if video not in doubled)

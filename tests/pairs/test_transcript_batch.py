@@ -4,6 +4,7 @@ import re
 import sys
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -91,3 +92,10 @@ def test_times_that_do_not_fit_their_words_are_not_used() -> None:
     whole = Text(transcripts(("v", "asr", [(1.0, 2.0, "a b", [1.0])])))
     assert not whole.timed(whole.words).any()
     assert whole.time_of(whole.words).tolist() == [1_000, 2_000]
+
+
+def test_words_a_second_are_spoken_words_by_the_length_of_the_video() -> None:
+    ten = [(0, 1, "[Music] " + "word " * 5), (1, 1, ">> five more of these\u3000words")]
+    rows = transcripts(("a", "asr", ten), ("b", "asr", []), ("c", "manual", ten))
+    rates = Text(rows, pa.array([4.0, 4.0, None])).words_per_second
+    assert rates.tolist() == [2.5, 0, 5]

@@ -311,6 +311,7 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "has_verb": i % 3 > 0,
             "keyword_count": 1 + i % 4,
             "words_per_second": 2.5,
+            "video_words_per_second": 2.0,
             "interpolation_error_s": None if i % 2 else spread("ie", i) % 100 / 100 - 0.4,
         }
         for i, row in enumerate(made["pairs/pairs"])

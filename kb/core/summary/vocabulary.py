@@ -61,6 +61,11 @@ WORDS: dict[str, Word] = {
     "known_files": Word("Files that were imported before.", "{n} files imported before"),
     "left_out_by": Word("Files that were left out, by reason."),
     "left_out_files": Word("The first files of each reason by name, with what is wrong with them."),
+    "other_languages": Word(
+        "Imported tracks in other languages than the profile's, by language; the filter passes them"
+        " over."
+    ),
+    "other_language_files": Word("The first of their files by name."),
     "null_columns": Word("Columns that imported files leave null, with the number of videos."),
     "duplicates": Word(
         "Older or repeated answers; only the newest one is used.", "{n} older answers"
@@ -186,6 +191,10 @@ WORDS: dict[str, Word] = {
         "{n} everyday words alone",
     ),
     "excluded": Word("Matches that the keyword list excludes.", "{n} excluded"),
+    "fast_videos": Word(
+        "Videos with more words a second than people speak, over their length (above 5.5).",
+        "{n} videos with more words than people speak",
+    ),
     "outside": Word("Matches whose clip would exceed the video.", "{n} outside of the video"),
     "entities": Word("Keywords of the profile, each an entity.", "{n} entities"),
     "with_page": Word("Entities that have a page of the wiki.", "{n} with a wiki page"),

@@ -106,7 +106,7 @@ def notes(facts: Facts) -> list[str]:
 
 
 def language(run: Run) -> str:
-    """Language of the material as the profile gives it: ISO 639, two letters or three."""
+    """Language of the material, which the profile names: ISO 639, two letters or three."""
     return run.profile.language
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from kb.core.config.profile import Profile
+from kb.core.languages import primary_language
 from kb.sandbox.speech import Cast
 from kb.youtube.section import YouTubeSection
 
@@ -57,7 +58,7 @@ def _out(name: str, stage: str, reason: str | None = None, often: int = 0, **cha
 EN, ASR = Track("en"), Track("en", "asr")
 
 # A domain fills in {topic} and the like, and puts its own numbers in the place of these
-# (kb/sandbox/youtube/case_rules.py).
+# (`CaseRules`).
 CASES: list[Case] = [
     _kept("manual", often=18),
     _kept("asr", "asr", often=22, tracks=[ASR]),
@@ -256,7 +257,7 @@ def _spoken(track: Track, language: str) -> Track:
     """English stands for the profile's language, and for its own where that is another."""
     if language == "en":
         return track
-    base = track.language.split("-")[0]
+    base = primary_language(track.language)
     spoken = language if base == "en" else "en" if base == language else track.language
     return replace(track, language=spoken)
 

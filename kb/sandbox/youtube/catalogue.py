@@ -8,6 +8,7 @@ from typing import Any
 
 from kb.core import clock
 from kb.core.cached_property import cached_property
+from kb.core.languages import primary_language
 from kb.sandbox.domain import Domain
 from kb.sandbox.invented_ids import channel_id, video_id
 from kb.sandbox.speech import Sentence
@@ -89,7 +90,7 @@ class Catalogue:
         """What a caption track says: of one video they say the same, each in its form and with its
         errors.
         """
-        language = (translated_to or track.language).split("-")[0]
+        language = primary_language(translated_to or track.language)
         talk = self.talk(video, language)
         own = translated_to is None and language == self.planted.language
         if track.kind == "asr":

@@ -22,6 +22,7 @@ from itertools import groupby
 from typing import Any
 
 from kb.core import clock
+from kb.core.languages import primary_language
 from kb.sandbox.speech import MUSIC, Sentence, Speech, grammar, letters
 from kb.sandbox.youtube.captions import Mishearing, Rates, SpokenCue, SpokenWord, misheard
 from kb.sandbox.youtube.cases import Channel, Video
@@ -88,7 +89,7 @@ class Planted:
     """
 
     def __init__(self, seed: int, channels: Sequence[Channel], speech: Speech, language: str):
-        self.seed, self.speech, self.language = seed, speech, language.split("-", 1)[0]
+        self.seed, self.speech, self.language = seed, speech, primary_language(language)
         rng = clock.rng(seed, "planted")
         self.rates = Rates(lost=rng.uniform(0.02, 0.05), swapped=rng.uniform(0.01, 0.04))
         self.copies: dict[str, str] = {}
@@ -111,7 +112,7 @@ class Planted:
 
     def own_kinds(self, video: Video) -> set[str]:
         """The kinds of its tracks in the domain's language: "" and "asr"."""
-        languages = {(track.language.split("-")[0], track.kind) for track in video.tracks}
+        languages = {(primary_language(track.language), track.kind) for track in video.tracks}
         return {kind for language, kind in languages if language == self.language}
 
     def _copy(self, rng: random.Random, usual: Sequence[Video]) -> None:

@@ -20,7 +20,7 @@ from youtube_transcript_api import YouTubeTranscriptApi
 
 from kb.core.config.settings import Settings
 from kb.core.errors import Challenged, Retryable
-from kb.core.languages import one_name
+from kb.core.languages import is_same_language, tag
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt, blocked
 from kb.net.session import Door, HttpSession, failure, refusal
@@ -176,8 +176,9 @@ class Fetcher:
             try:
                 if translate:  # the site has its own codes of the languages that it translates to
                     codes = (one.language_code for one in track.translation_languages)
-                    own = (code for code in codes if one_name(code) == one_name(language))
-                    shown = track.translate(next(own, language))
+                    own = (code for code in codes if is_same_language(code, language))
+                    nearest = sorted(own, key=lambda code: (tag(code) != tag(language), code))
+                    shown = track.translate(next(iter(nearest), language))
             except (lib.NotTranslatable, lib.TranslationLanguageNotAvailable):
                 continue
             cues = (self._with_word_times(track) if shown is track else None) or [

@@ -31,8 +31,10 @@ from kb.store.state import tombstones
 from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_OWN, RAW_PLAYLISTS, RAW_SUBTITLES, VIDEOS
 from kb.youtube.parse.channels import ChannelFilter
+from kb.youtube.section import YouTubeSection
 from kb.youtube.ytdlp import info, subtitles
 from kb.youtube.ytdlp.known_answers import KnownAnswers, answer_digest
+from kb.youtube.ytdlp.tracks import TrackLanguage, language_of
 
 AT_ONCE = 256  # answers that are written and synced together
 AT_ONCE_BYTES = 8 << 20
@@ -40,6 +42,7 @@ NAMED = 20  # files left out for one reason that are named
 LARGEST = 100_000_000  # bytes of an info.json; one larger is not yt-dlp's. Of texts: SMALL
 BROKEN_INFO, BROKEN_SUBTITLES = "broken_info", "broken_subtitles"
 BROKEN_TRANSCRIPTS = "broken_transcripts"
+OTHER_LANGUAGES = "other_languages"
 NAMELESS, FOREIGN, PURGED, UNREADABLE = "without_video_id", "other_sites", "purged", "unreadable"
 # Kinds of raw answers and their names in the summary, in the order in which they are written.
 _COUNTED = {
@@ -105,6 +108,8 @@ class _Import:
         self.left_out: Counter[str] = Counter()
         self.named: defaultdict[str, list[str]] = defaultdict(list)
         self.null: Counter[str] = Counter()
+        self._wanted = TrackLanguage(run.profile.section(YouTubeSection).language)
+        self.other_languages: Counter[str] = Counter()
 
     def read(self, folders: Sequence[Path], own_transcripts: Sequence[Path]) -> None:
         """Take in every file, own transcripts last. A folder within one of the other kind is not
@@ -183,9 +188,8 @@ class _Import:
             if len(data) > most:
                 raise ValueError(f"it has more than {most:,} bytes")
             # For a reader of the raw log; never the folder, which is of this machine alone.
-            file = name.encode(errors="surrogateescape").decode(errors="replace")
             changed = _time(about).isoformat()
-            params = {"file": file, "bytes": about.st_size, "changed": changed}
+            params = {"file": _shown(name), "bytes": about.st_size, "changed": changed}
             made = list(take(data, params, _time(about)))
         except OSError as error:
             self._leave_out(UNREADABLE, name, error.strerror or "")
@@ -199,13 +203,23 @@ class _Import:
             self._waiting += compress(made, fresh)
             self._bytes += len(data)
             self.counts["imported_files" if any(fresh) else "known_files"] += 1
+            for kind, answer in compress(made, fresh):
+                if kind in (RAW_SUBTITLES, RAW_OWN):
+                    self._note_language(answer.response["language"], name)
+
+    def _note_language(self, language: str | None, name: str) -> None:
+        """Count a track that the filter will pass over, as it is in another language."""
+        if language is None or self._wanted.spoken(language):
+            return
+        self.other_languages[language_of(language)] += 1
+        if self.other_languages.total() <= NAMED:
+            self.named[OTHER_LANGUAGES].append(f"{_shown(name)} ({language_of(language)})")
 
     def _leave_out(self, reason: str, name: str, why: str = "") -> None:
         """Count a file that is not imported, and name the first of each reason."""
         self.left_out[reason] += 1
         if self.left_out[reason] <= NAMED:
-            shown = name.encode(errors="surrogateescape").decode(errors="replace")
-            self.named[reason].append(f"{shown} ({why})" if why else shown)
+            self.named[reason].append(f"{_shown(name)} ({why})" if why else _shown(name))
 
     def _info(
         self, data: bytes, params: dict[str, Any], changed: datetime
@@ -318,6 +332,8 @@ class _Import:
             known_files=self.counts["known_files"],
             left_out_by=dict(self.left_out.most_common()),
             left_out_files={reason: self.named[reason] for reason in self.left_out},
+            other_languages=dict(self.other_languages.most_common()),
+            other_language_files=self.named[OTHER_LANGUAGES],
             null_columns=dict(sorted(self.null.items())),
             requests=0,
         )
@@ -337,6 +353,13 @@ def unfilled_columns(summary: Summary) -> list[str]:
             more = left_out[reason] - len(names)
             others = f", and {more:,} more" if more else ""
             lines.append(f"  {reason.replace('_', ' ')}: {', '.join(names)}{others}")
+    if others := summary["other_languages"]:
+        total, names = sum(others.values()), summary["other_language_files"]
+        more = f", and {total - len(names):,} more" if total > len(names) else ""
+        lines.append(
+            f"tracks in another language than the profile's, which the filter passes over:"
+            f" {', '.join(names)}{more}"
+        )
     if nulls := summary["null_columns"]:
         videos = summary["crawled"]
         every = [name for name, n in nulls.items() if n == videos]
@@ -351,6 +374,11 @@ def unfilled_columns(summary: Summary) -> list[str]:
             " the videos are crawled or imported"
         )
     return lines
+
+
+def _shown(name: str) -> str:
+    """The name of a file as a text, whatever its bytes are."""
+    return name.encode(errors="surrogateescape").decode(errors="replace")
 
 
 def _time(about: os.stat_result) -> datetime:

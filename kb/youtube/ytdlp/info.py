@@ -22,6 +22,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core import clock
+from kb.core.languages import is_language, primary_language, tag
 from kb.core.video_names import possible_ids
 from kb.crawl.file_text import json_value, text_of
 from kb.schema import raw
@@ -34,11 +35,13 @@ from kb.youtube.crawl import player
 
 INFO = ".info.json"
 UNFINISHED, OTHER_FILES, OTHER_SUBTITLES = "unfinished_downloads", "other_files", "other_subtitles"
+WITHOUT_LANGUAGE = "without_language"  # subtitles, by a name that tells no language
 VIDEO_ID = re.compile(r"[A-Za-z0-9_-]{11}")
 
 # Behind the language YouTube's id of a track with a name may stand.
 _SUBTITLES = re.compile(
-    r"(?P<stem>.+)\.(?P<language>[a-z]{2,3}(?:-[a-z0-9_-]+)?)\.(?P<format>vtt|srv3|json3|srt)",
+    r"(?P<stem>.+)\.(?P<language>[a-z]{2,3}(?:-[a-z0-9_-]+|_[a-z]{2}|_[a-z]{4})?)"
+    r"\.(?P<format>vtt|srv3|json3|srt)",
     re.IGNORECASE,
 )
 _UNFINISHED = re.compile(r"\.(?:part|ytdl|part-Frag\d+|temp|temp\.[a-z0-9]+)$")
@@ -47,6 +50,7 @@ _MEDIA = re.compile(
     r"|web[amp])",
     re.IGNORECASE,
 )
+_READ = re.compile(r".+\.(?:json3|srt|srv3|vtt)", re.IGNORECASE)
 _TEXT_TRACKS = re.compile(r".+\.(?:ass|lrc|sbv|srt|srv[123]|ttml|vtt|json3)", re.IGNORECASE)
 
 
@@ -66,7 +70,7 @@ class SubtitleName(NamedTuple):
 def subtitle_name(name: str) -> SubtitleName | None:
     """`TITLE [ID].en.vtt` in its parts; None for any other name."""
     match = _SUBTITLES.fullmatch(name)
-    if match is None:
+    if match is None or not is_language(primary_language(match["language"])):
         return None
     stem, in_brackets, behind = possible_ids(match["stem"])
     video_id = next(filter(VIDEO_ID.fullmatch, (in_brackets, stem)), None)
@@ -77,10 +81,9 @@ def subtitle_name(name: str) -> SubtitleName | None:
 
 
 # `ID.f140.m4a.en.json`: programs put their suffix behind that of the film or sound.
-_TRANSCRIPT = re.compile(
-    r"(?P<stem>.+?)(?:\.f\d+(?:-\w+)?)?"
-    r"(?:\.(?:3gp|aac|avi|flac|flv|m4[av]|mk[av]|mov|mp[34]|og[gv]|opus|ts|wav|webm))?"
-    r"(?:\.(?P<language>[a-z]{2}(?:-[a-z]{2,4})?))?\.(?P<format>json|vtt|srt)",
+_OF_FILM = re.compile(
+    r"(?:\.f\d+(?:-\w+)?)?"
+    r"(?:\.(?:3gp|aac|avi|flac|flv|m4[av]|mk[av]|mov|mp[34]|og[gv]|opus|ts|wav|webm))?$",
     re.IGNORECASE,
 )
 _WORD = re.compile(r"[A-Za-z]?[a-z]{10}")  # no id: "transcripts", a folder
@@ -99,18 +102,16 @@ class OwnName(NamedTuple):
 
 def own_name(path: Path) -> OwnName | None:
     """`ID.json`, `TITLE [ID].en.srt` or `ID/…` in its parts; None for any other name."""
-    match = _TRANSCRIPT.fullmatch(path.name)
-    if match is None or path.name.endswith((INFO, ".live_chat.json")):
+    form = path.suffix[1:].lower()
+    if form not in ("json", "vtt", "srt") or path.name.endswith((INFO, ".live_chat.json")):
         return None
-    stem, in_brackets, behind = possible_ids(match["stem"])
+    stem, _, behind = path.stem.rpartition(".")
+    language = tag(behind) if stem and is_language(behind) else None
+    stem, in_brackets, behind = possible_ids(_OF_FILM.sub("", stem if language else path.stem))
     folder = path.parent.name
     ids = [*filter(VIDEO_ID.fullmatch, (stem, in_brackets, behind, folder))]
     named = (in_brackets, stem, "" if _WORD.fullmatch(folder) else folder)
-    language = match["language"]
-    if language is not None:
-        language = language[:2].lower() + language[2:]
-    likely = next(filter(VIDEO_ID.fullmatch, named), None)
-    return OwnName(ids, likely, language, match["format"].lower())
+    return OwnName(ids, next(filter(VIDEO_ID.fullmatch, named), None), language, form)
 
 
 def left_out_as(name: str) -> str | None:
@@ -121,6 +122,8 @@ def left_out_as(name: str) -> str | None:
         return UNFINISHED
     if _MEDIA.fullmatch(name):
         return None
+    if _READ.fullmatch(name):
+        return WITHOUT_LANGUAGE
     return OTHER_SUBTITLES if _TEXT_TRACKS.fullmatch(name) else OTHER_FILES
 
 
@@ -262,8 +265,8 @@ def read_at(record: dict[str, Any]) -> datetime | None:
 def rows(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """Envelopes of ytdlp_info → one row a video, with the columns of `answers.videos`.
 
-    Null is what a file can't tell. Besides: `stream_width`, `stream_height` (px), `stream_fps`,
-    `lists_tracks`, `manual_tracks`, `automatic_tracks`.
+    Null is what a file can't tell. Besides: the largest stream's width and height (px) and
+    `stream_fps`; `lists_tracks`, `manual_tracks`, `automatic_tracks`.
     """
     for got, _ in ColumnReader(table("youtube/videos"), "ytdlp_info").tables(lines):
         yield _as_videos(got.filter(pc.is_valid(got["video_id"])))

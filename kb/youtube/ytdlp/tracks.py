@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.languages import one_name
+from kb.core import languages
+from kb.core.languages import is_language, is_same_language
 from kb.schema.coerce import in_lists, json_type, read_json, records
 from kb.schema.decode import ColumnReader, in_batches, problems
 from kb.schema.tables import table
@@ -29,18 +30,13 @@ _RICHEST = ("json3", "srv3", "json", "vtt", "srt")
 FACTS = ("player_width", "player_height", "player_fps", "game_label_id", "game_label")
 
 
-# A language as BCP 47 writes it; what else stands behind one is YouTube's id of a named track.
-_WITHOUT_ID = re.compile(
-    r"[a-z]{2,3}(?:-[A-Z][a-z]{3})?(?:-(?:[A-Z]{2}|\d{3}))?(?:-(?:[a-z0-9]{5,8}|\d[a-z0-9]{3}))*"
-)
-_ID = re.compile(r"(.+?)-[A-Za-z0-9_-]{11}")
+_ID = re.compile(r"(.+?)-[A-Za-z0-9_-]{11}")  # YouTube's id of a track with a name
 
 
 def language_of(name: str) -> str:
     """The language of a track by its name: `en` of `en-Qx_9zR4b-1k`, `he` of `iw`."""
-    if not _WITHOUT_ID.fullmatch(name) and (with_id := _ID.fullmatch(name)):
-        name = with_id[1]
-    return one_name(name)
+    with_id = None if is_language(name) else _ID.fullmatch(name)
+    return languages.tag(with_id[1] if with_id else name)
 
 
 class TrackLanguage(NamedTuple):
@@ -51,8 +47,7 @@ class TrackLanguage(NamedTuple):
 
     def spoken(self, name: str) -> bool:
         """Whether a track's language is the wanted one, or a variant of it."""
-        own, wanted = language_of(name), language_of(self.name)
-        return own == wanted or own.startswith(f"{wanted}-")
+        return is_same_language(name, self.name)
 
 
 ENGLISH = TrackLanguage()
@@ -90,21 +85,10 @@ class ListedTracks(NamedTuple):
         Where no spoken language is named and several were heard, nobody knows which one is the
         original: each counts as a dub of another one.
         """
-        if self.spoken and _names_language(self.spoken):
+        if self.spoken and is_language(self.spoken):
             return None if is_same_language(self.spoken, language) else self.spoken
         others = (name for name in self.heard if not is_same_language(name, language))
         return min(others, default=None)
-
-
-def is_same_language(name: str, other: str) -> bool:
-    """Whether two tracks are in one language, whatever their regions."""
-    first, second = (language_of(track).partition("-")[0] for track in (name, other))
-    return first == second
-
-
-def _names_language(code: str) -> bool:
-    """False for ISO 639's codes of no, several or an unknown language."""
-    return code.partition("-")[0] not in ("mis", "mul", "und", "zxx")
 
 
 def dubbed_from(language: str | None, spoken: str | None) -> str | None:
@@ -136,8 +120,9 @@ def _kind_by_name(name: str, timed: bool, known: ListedTracks) -> TrackKind:
     if timed or name in known.automatic:
         return TrackKind("asr", name, "asr")
     # Regions are written in capitals ("en-GB"); "en-de" is yt-dlp's name of a translation.
-    if match := re.fullmatch(r"[a-z]{2,3}-([a-z]{2,3}(?:-[A-Za-z0-9]+)?)", language_of(name)):
-        return TrackKind("translated", match[1], "manual")
+    translation = re.fullmatch(r"[a-z]{2,3}-([a-z]{2,3}(?:-[A-Za-z0-9]+)?)", name)
+    if translation and is_language(translation[1]):
+        return TrackKind("translated", translation[1], "manual")
     return TrackKind("manual", name, "manual")
 
 

@@ -234,3 +234,49 @@ def test_a_folder_may_hold_both(job: Job) -> None:
 def test_without_a_folder_nothing_is_written(job: Job, words: tuple[str, ...]) -> None:
     assert "folder" in job.stopped("youtube", "import", *words, code=2)
     assert not job.root.exists()
+
+
+NAMES = {
+    "{id}.eng.srt": True,
+    "{id}.en-001.json": True,
+    "A title [{id}].en_GB.vtt": True,
+    "{id}/audio.EN.srt": True,
+    "a/{id}.mp4.eng.srt": True,
+    "{id}.swe.srt": False,
+    "{id}.zh-Hant.srt": False,
+    "a/A title [{id}].es-419.json": False,
+}
+
+
+def test_languages_in_names_are_read_as_languages_and_others_are_named(job: Job) -> None:
+    """By their names the same for one's own files and for those beside info.json."""
+    folder, own = job.place / "videos", job.place / "own"
+    for number, name in enumerate(NAMES):
+        write_video(folder, number, (), view_count=1_000 + number)
+        form = {"json": faster_whisper, "srt": srt, "vtt": whisper_vtt}[name.rpartition(".")[2]]
+        write(own, name.format(id=video_id(number)), form())
+    summary = job.done("youtube", "import", str(folder), "--own-transcripts", str(own))
+    assert (summary["own_transcripts"], summary["left_out_by"]) == (len(NAMES), {})
+    assert summary["other_languages"] == {"sv": 1, "zh-Hant": 1, "es-419": 1}
+    key = video_id([*NAMES].index("{id}.swe.srt"))
+    assert f"{key}.swe.srt (sv)" in summary["other_language_files"]
+    job.done("youtube", "filter")
+    assert [row["transcript_origin"] == "own" for row in job.rows(VIDEOS)] == [
+        used for used in NAMES.values() if used
+    ]
+    assert {row["language"].partition("-")[0] for row in job.rows(TRACKS)} == {"en"}
+
+
+def test_subtitles_beside_info_json_say_why_they_are_not_used(job: Job) -> None:
+    folder = job.place / "videos"
+    names = ("eng.srt", "swe.srt", "srt", "en_US.srt", "ass")
+    for number, name in enumerate(names):
+        key = write_video(folder, number, ())
+        (folder / f"{key}.{name}").write_text(srt())
+    summary = job.done("youtube", "import", str(folder))
+    assert summary["left_out_by"] == {"without_language": 1, "other_subtitles": 1}
+    assert summary["left_out_files"]["without_language"] == [f"{video_id(2)}.srt"]
+    assert summary["other_language_files"] == [f"{video_id(1)}.swe.srt (sv)"]
+    job.done("youtube", "filter")
+    languages = {row["video_id"]: row["language"] for row in job.rows(TRACKS)}
+    assert languages == {video_id(0): "en", video_id(3): "en-US"}

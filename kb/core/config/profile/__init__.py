@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
 
 from pydantic import Field, PrivateAttr, ValidationError, create_model
 
+from kb.core import languages
 from kb.core.config.profile.products import (
     ClipFiles,
     EntityLinks,
@@ -88,9 +89,12 @@ class SharedProfile(Section):
 
     @property
     def language(self) -> str:
-        """The language of its texts, as the first source with one says it; else English."""
+        """The language of its texts by its shortest code, as the first source with one names it;
+        else English.
+        """
         sections = (getattr(self, name) for name in SOURCES)
-        return next(filter(None, (getattr(one, "language", "") for one in sections)), "en")
+        named = (getattr(section, "language", "") for section in sections)
+        return languages.primary_language(next(filter(None, named), "en"))
 
     @property
     def topic_is_known(self) -> bool:
