@@ -21,7 +21,7 @@ from kb import __version__
 from kb.cli.app import leaves
 from kb.core.licences import KNOWN
 from kb.core.sources import BY_DEFAULT, SOURCES
-from kb.export import wiki_tar
+from kb.export import tar_shards
 from kb.release.metadata.card import size_category
 from kb.release.metadata.templates import render
 from tests.recipes import release
@@ -62,7 +62,7 @@ def with_pictures(root: Path) -> Path:
             path = row.get("screenshot_path") or row.get("path")
             if path:
                 Image.new("RGB", size).save(root / path, "PNG")
-    wiki_tar.export(a_run(root))
+    tar_shards.export(a_run(root))
     release(a_run(root))
     return root
 
