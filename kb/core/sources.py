@@ -170,7 +170,9 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     refreshed        the kind that `kb refresh` fetches; "" without such a command
     restored         whether `kb restore` brings back its content
     linked           tables in whose texts entities are found
+    parts            what these texts are called in links: "title", "body"
     indexed          tables that passages are made of
+    kinds            kinds of these passages, as `kb search --kind` names them
     textual          tables that documents of `--format text` are made of, first the one with a row
                      for each
     ref              an example of a reference to a place in it; "" when `read` shows nothing of it
@@ -210,7 +212,9 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     refreshed: str = ""
     restored: bool = False
     linked: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
     indexed: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
     textual: tuple[str, ...] = ()
     ref: str = ""
     mark: str = "#"
@@ -330,6 +334,12 @@ MADE = _in_order(
     for path in (SCHEMA_FOLDERS[0] / "publications").glob("*.toml")
 )
 PUBLISHED: dict[str, Publication] = {**SOURCES, **MADE}
+
+# Kinds of the passages of all sources; those of pages, which are about what their titles name; and
+# what texts are called in links.
+KINDS = tuple(dict.fromkeys(kind for source in SOURCES.values() for kind in source.kinds))
+PAGES = tuple(kind for one in SOURCES.values() if one.shape == "page" for kind in one.kinds)
+PARTS = tuple(dict.fromkeys(part for source in SOURCES.values() for part in source.parts))
 
 # What every release holds; the rest is there where the profile asks for it.
 BY_DEFAULT = tuple(name for name in PUBLISHED if not PUBLISHED[name].part_of)

@@ -143,7 +143,7 @@ def _declared() -> Iterator[Artifact]:
             reads=tuple(f"{source}/{short}" for short in SOURCES[source].indexed),
             maker=Maker("index", "index", (source,)),
             settings=("youtube.language",),
-            rules=8,
+            rules=9,
         )
     yield Artifact(
         "report",

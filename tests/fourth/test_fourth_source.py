@@ -193,7 +193,7 @@ def test_from_crawl_to_purge(place: Place) -> None:
     assert {"questions", "answers"} <= {one["@id"] for one in croissant["recordSet"]}
     query = "kb.load('root/release/qanda').sql('SELECT min(score) FROM qanda_questions')"
     assert place.python(f"import kb; print([*next(iter({query})).values()])") == "[0]\n"
-    answer, status = place.run("search furnace", "status")
+    answer, status = place.run("search furnace --kind answer", "status")
     assert {one["key"] for one in answer["answers"]} == {f"a{key}0" for key in kept}
     assert (status["sources"]["qanda"]["crawled_so_far"], status["left"]) == (10, 0)
     assert "Thing 107 needs a furnace" in read(place, "qanda:107/1070")
@@ -272,6 +272,7 @@ def read(place: Place, ref: str) -> str:
     [
         ("sources/qanda.toml", 'main = "questions"', "main = 3", r"sources/qanda\.toml: .*main"),
         ("sources/qanda.toml", 'answers = "a"', 'answers = "q"', "a key of answers"),
+        ("sources/qanda.toml", 'kinds = ["question", "answer"]\n', "", "`kinds` says nothing"),
         ("sources/qanda.toml", "[settings.qanda_key]", "[settings.other]", "setting qanda_key"),
         ("tables/qanda/answers.toml", "items[].score", "items[].votes", r"column score: .*votes"),
         ("raw/qanda/pages.json", '"x-keys"', "x-keys", r"raw/qanda/pages\.json: not readable"),
