@@ -80,6 +80,11 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     part_of     the source whose filter and export also make this folder, of licensed texts
     made_of     the sources whose rows are behind it; () for all
     exports     files and folders that formats besides Parquet write below export/
+    revision    the number of the rules by which its tables are made; raised where the same input
+                gives others
+    beside      what it is made of besides the clean rows of its sources
+    decided_by  parts of the profile that decide its rows, where it is no source ("keywords": the
+                lines of the keyword files too)
     """
 
     name: str
@@ -104,6 +109,9 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     part_of: str = ""
     made_of: tuple[str, ...] = ()
     exports: tuple[str, ...] = ()
+    revision: int = 1
+    beside: tuple[str, ...] = ()
+    decided_by: tuple[str, ...] = ()
 
     @property
     def aging(self) -> list[tuple[str, str]]:
@@ -163,6 +171,8 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     unfiltered       raw kinds that no filter reads: samples that measures compare, what lists named
     crawl_settings   keys of its section of the profile that a crawl or a refresh reads, and no
                      filter
+    figured          keys of its section that its figures in the report show
+    imported         raw kinds that no crawl can ask for, and how they come again
     files            folders below raw/<name> with captured files
     credential       the setting without which a crawl is not offered as a next step
     keyless          the phase of its crawl that needs no credential, as `--only` names it
@@ -205,6 +215,8 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     noted: tuple[str, ...] = ()
     unfiltered: tuple[str, ...] = ()
     crawl_settings: tuple[str, ...] = ()
+    figured: tuple[str, ...] = ()
+    imported: dict[str, str] = {}
     files: tuple[str, ...] = ()
     credential: str = ""
     keyless: str = ""
