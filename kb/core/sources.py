@@ -197,6 +197,7 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
                      "" (its parts as text)
     facts            columns of the main table that stand at the head of an item's page
     elsewhere        stages that do not concern a table, by table
+    scored           texts that are scored for toxicity; then [toxicity.thresholds] has a key for it
     counts_units     whether its ledger counts units of a quota, and not requests alone
     color            its colour in the report: "red", "green", "blue"; grey without one
     dated            the column of the main table that dates a row, and what happened then
@@ -237,6 +238,7 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     shape: str = ""
     facts: tuple[str, ...] = ()
     elsewhere: dict[str, tuple[str, ...]] = {}
+    scored: str = ""
     counts_units: bool = False
     color: str = ""
     dated: tuple[str, str] = ("fetched_at", "fetched")

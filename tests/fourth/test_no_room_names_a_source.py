@@ -28,8 +28,8 @@ LEFT = {
 }
 
 
-def strings(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """(line, text) of the strings of a module that are no docstrings."""
+def texts(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """(line, text) of the strings of a module that are no docstrings, and of names of fields."""
     owners = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     plain = {
         id(statement.value)
@@ -39,8 +39,11 @@ def strings(tree: ast.Module) -> Iterator[tuple[int, str]]:
         if isinstance(statement, ast.Expr)
     }
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in plain:
-            yield node.lineno, node.value
+        match node:
+            case ast.Constant(value=str(text)) if id(node) not in plain:
+                yield node.lineno, text
+            case ast.Attribute(attr=text) | ast.AnnAssign(target=ast.Name(id=text)):
+                yield node.lineno, text
 
 
 def naming(root: Path) -> dict[str, list[str]]:
@@ -49,7 +52,7 @@ def naming(root: Path) -> dict[str, list[str]]:
     for path in python_files(root):
         file = str(path.relative_to(root))
         if path.relative_to(root).parts[1] in ROOMS:
-            for line, text in strings(parsed(path)):
+            for line, text in texts(parsed(path)):
                 if NAMED.search(text):
                     named.setdefault(file, []).append(f"{file}:{line} has {text[:60]!r}")
     return named
@@ -69,6 +72,8 @@ def test_no_shared_room_names_a_source() -> None:
         'rows("youtube/videos")',
         'table = "reddit_posts"',
         'hint = f"run `kb reddit crawl --data {root}`"',
+        "class Limits:\n    reddit: int = 5\n",
+        "limit = profile.wiki.min_words",
         'def late(kinds=("clean.wiki",)):\n    "youtube"\n',
     ],
 )
