@@ -80,6 +80,11 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     part_of     the source whose filter and export also make this folder, of licensed texts
     made_of     the sources whose rows are behind it; () for all
     exports     files and folders that formats besides Parquet write below export/
+    revision    the number of the rules by which its tables are made; raised where the same input
+                gives others
+    beside      what it is made of besides the clean rows of its sources
+    decided_by  parts of the profile that decide its rows, where it is no source ("keywords": the
+                lines of the keyword files too)
     """
 
     name: str
@@ -104,6 +109,9 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     part_of: str = ""
     made_of: tuple[str, ...] = ()
     exports: tuple[str, ...] = ()
+    revision: int = 1
+    beside: tuple[str, ...] = ()
+    decided_by: tuple[str, ...] = ()
 
     @property
     def aging(self) -> list[tuple[str, str]]:
@@ -164,6 +172,8 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     rowless          raw kinds of which no row comes: what a crawl finds items by, what rows need
     crawl_settings   keys of its section of the profile that a crawl or a refresh reads, and no
                      filter
+    figured          keys of its section that its figures in the report show
+    imported         raw kinds that no crawl can ask for, and how they come again
     files            folders below raw/<name> with captured files
     credential       the setting without which a crawl is not offered as a next step
     keyless          the phase of its crawl that needs no credential, as `--only` names it
@@ -171,9 +181,11 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     refreshed        the kind that `kb refresh` fetches; "" without such a command
     restored         whether `kb restore` brings back its content
     linked           tables in whose texts entities are found
+    parts            what these texts are called in links: "title", "body"
     indexed          tables that passages are made of
     searched         what a search finds by each of these tables, as a plural noun; by default the
                      names of `tables`
+    kinds            kinds of these passages, as `kb search --kind` names them
     textual          tables that documents of `--format text` are made of, first the one with a row
                      for each
     ref              an example of a reference to a place in it; "" when `read` shows nothing of it
@@ -188,6 +200,7 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
                      "" (its parts as text)
     facts            columns of the main table that stand at the head of an item's page
     elsewhere        stages that do not concern a table, by table
+    scored           texts that are scored for toxicity; then [toxicity.thresholds] has a key for it
     counts_units     whether its ledger counts units of a quota, and not requests alone
     color            its colour in the report: "red", "green", "blue"; grey without one
     dated            the column of the main table that dates a row, and what happened then
@@ -207,6 +220,8 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     unfiltered: tuple[str, ...] = ()
     rowless: tuple[str, ...] = ()
     crawl_settings: tuple[str, ...] = ()
+    figured: tuple[str, ...] = ()
+    imported: dict[str, str] = {}
     files: tuple[str, ...] = ()
     credential: str = ""
     keyless: str = ""
@@ -214,8 +229,10 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     refreshed: str = ""
     restored: bool = False
     linked: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
     indexed: tuple[str, ...] = ()
     searched: dict[str, str] = {}
+    kinds: tuple[str, ...] = ()
     textual: tuple[str, ...] = ()
     ref: str = ""
     mark: str = "#"
@@ -226,6 +243,7 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     shape: str = ""
     facts: tuple[str, ...] = ()
     elsewhere: dict[str, tuple[str, ...]] = {}
+    scored: str = ""
     counts_units: bool = False
     color: str = ""
     dated: tuple[str, str] = ("fetched_at", "fetched")
@@ -335,6 +353,12 @@ MADE = _in_order(
     for path in (SCHEMA_FOLDERS[0] / "publications").glob("*.toml")
 )
 PUBLISHED: dict[str, Publication] = {**SOURCES, **MADE}
+
+# Kinds of the passages of all sources; those of pages, which are about what their titles name; and
+# what texts are called in links.
+KINDS = tuple(dict.fromkeys(kind for source in SOURCES.values() for kind in source.kinds))
+PAGES = tuple(kind for one in SOURCES.values() if one.shape == "page" for kind in one.kinds)
+PARTS = tuple(dict.fromkeys(part for source in SOURCES.values() for part in source.parts))
 
 # What every release holds; the rest is there where the profile asks for it.
 BY_DEFAULT = tuple(name for name in PUBLISHED if not PUBLISHED[name].part_of)

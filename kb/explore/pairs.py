@@ -101,7 +101,7 @@ def cards(
     """
     if "pairs" not in tables:
         return []
-    others = ("pairs_quality", "pairs_scores", "labels", "youtube_videos")
+    others = ("pairs_quality", "pairs_scores", "labels", f"{VIDEOS}_videos")
     names = ["pairs", *(name for name in others if name in tables)]
     with tables.asked(*names) as con:
         pairs = (

@@ -9,7 +9,7 @@ from typing import Any
 from urllib.parse import urlencode
 
 from kb.core.errors import KbError, UsageError
-from kb.core.sources import SOURCES
+from kb.core.sources import KINDS, SOURCES
 from kb.explore.tables import page_number
 from kb.mcp.search_tool import ref
 from kb.search.answers import MARK, NotIndexed, SearchHit, search_as_meant
@@ -18,7 +18,6 @@ from kb.search.ranking import Only, day_given
 
 ON_A_PAGE = 20  # answers
 _LAST = 50  # pages: each is ranked with all before it
-KINDS = ("video", "transcript", "section", "table", "post", "comment")
 _FIELDS = ("words", "source", "kind", "entity", "since", "until", "least")
 
 

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.installation import np
+from kb.core.sources import made_of
 from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
@@ -164,7 +165,7 @@ def _joined(
     keys: pa.Array[Any], counts: np.ndarray, texts: pa.Array[Any], known: np.ndarray | None
 ) -> Text:
     """Texts as transcripts without times."""
-    kind = table("youtube/transcripts").arrow().field("cues").type
+    kind = table(f"{made_of('pairs')[0]}/transcripts").arrow().field("cues").type
     nought = pa.array(np.zeros(len(texts)))
     cells = pa.StructArray.from_arrays(
         [nought, nought, texts], names=["start_s", "duration_s", "text"]

@@ -86,7 +86,7 @@ def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path |
 def _made_by(short: str, schema: str) -> str:
     """The commands that make a declared table without files."""
     if schema == "restored":
-        return "`kb reddit reconstruct` makes it"
+        return "`kb restore` makes it"
     declared = (table for table in tables().values() if table.source in PUBLISHED)
     known = {view_name(table): table.source for table in declared}
     if short not in known:

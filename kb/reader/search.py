@@ -9,11 +9,10 @@ from kb.core.config.profile import DEFAULT, load_profile
 from kb.core.config.settings import Settings
 from kb.core.context import Run
 from kb.core.errors import UsageError
-from kb.core.sources import SOURCES
+from kb.core.sources import KINDS, SOURCES
 from kb.reader.tables import OpenTables, QueryResult
 from kb.search.answers import SearchHit, search
 from kb.search.build import ensure
-from kb.search.passage import KINDS
 from kb.search.ranking import Only
 
 _NUMBERS = ("score", "start_s")

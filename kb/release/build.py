@@ -127,7 +127,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     if not exports:
         raise ReleaseRefused(
             f"there is nothing to release under {at.release()}",
-            hint="run an export first, such as `kb youtube export`",
+            hint=f"run an export first, such as `kb {next(iter(SOURCES))} export`",
         )
     if strange := sorted(set(only) - there):
         raise UsageError(

@@ -27,14 +27,15 @@ OWN = "world.toml"  # a profile's own choice of names, beside it
 OTHER_LABEL = "UCsandboxOtherGame00001a"
 _CERTAIN, _EVERYDAY = 45, 15  # most keywords of each kind that are spoken of
 
-# The classes of what facts and recipes are read from, by the profile's names of their selectors.
+# The classes of what facts and recipes are read from, by the profile's names of their selectors;
+# a wiki whose profile names no grid has no recipes.
 CLASSES = {
     "infobox": "infobox",
-    "recipe": "mcui",
-    "slot": "invslot",
-    "slot_row": "mcui-row",
-    "slot_output": "mcui-output",
-    "quantity": "invslot-stacksize",
+    "recipe": "",
+    "slot": "",
+    "slot_row": "",
+    "slot_output": "",
+    "quantity": "",
 }
 
 

@@ -33,6 +33,9 @@ def problems(source: SourceDeclaration, settings: Collection[str]) -> Iterator[s
     for name in (*source.shown, *source.sampled):
         if name not in declared:
             yield f"{file}: it shows {name}, but there is no tables/{name}.toml"
+    for tables_of, words in (("linked", "parts"), ("indexed", "kinds")):
+        if getattr(source, tables_of) and not getattr(source, words):
+            yield f"{file}: `{tables_of}` has tables, but `{words}` says nothing"
     if source.main not in source.tables:
         yield f"{file}: `main` is {source.main}, which is not in [tables]"
     for (one, prefix), (other, longer) in permutations(source.tables.items(), 2):

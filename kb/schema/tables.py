@@ -3,7 +3,8 @@
 A file has the keys of `Table`, then one `[[column]]` block a column with the keys of `Column`. An
 `[[input]]` block has the same keys and stands for a value that parsing reads and a later rule uses
 up: it is in no table. A block with `each`, a list of words, stands for one column a word, put in
-place of {}; `values = ["<source>"]` stands for the name of every source.
+place of {}; `values = ["<source>"]` stands for the name of every source, `["<part>"]` for what
+their texts are called in links.
 
 Types: `string | bool | int32 | int64 | float32 | float64 | date | timestamp[us, UTC]`,
 `list<TYPE>` and `struct<NAME: TYPE, …>`, nested at will.
@@ -25,7 +26,7 @@ from msgspec import Meta
 
 from kb.core.cached_property import cached_property
 from kb.core.errors import SchemaMismatch, UsageError
-from kb.core.sources import SCHEMA_FOLDERS, SOURCES
+from kb.core.sources import PARTS, SCHEMA_FOLDERS, SOURCES
 
 WHEN_READ = frozenset({"fetched_at", "counted_at"})
 """Columns that say when a row was read: another time alone is no change of it."""
@@ -34,6 +35,7 @@ Text = Annotated[str, Meta(pattern=r"\S")]
 Line = Annotated[str, Meta(pattern=r"^[^\n]*\S[^\n]*$")]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 
+_NAMES = {"<source>": tuple(SOURCES), "<part>": PARTS}
 
 # name → (Arrow factory's name, Croissant data type)
 _PLAIN: dict[str, tuple[str, str]] = {
@@ -249,8 +251,9 @@ def load_table(path: Path) -> Table:
 def _blocks(block: dict[str, Any]) -> list[dict[str, Any]]:
     """The block, or one for each word of its `each`."""
     made = {key: value for key, value in block.items() if key != "each"}
-    if made.get("values") == ["<source>"]:
-        made["values"] = list(SOURCES)
+    for word, names in _NAMES.items():
+        if made.get("values") == [word]:
+            made["values"] = list(names)
     if "words" in made:
         made["words"] = list(made["words"].items())
     return [_filled(made, word) for word in block["each"]] if "each" in block else [made]

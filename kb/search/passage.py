@@ -17,8 +17,6 @@ from kb.store.tables.merge import Merge
 from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import order
 
-KINDS = ("video", "transcript", "section", "table", "post", "comment")
-PAGES = ("section", "table")  # kinds of a page, which is about what its title names
 MOST_WORDS = 200  # of a passage's text
 _AT_ONCE = 64  # rows as Python objects at a time: a transcript is a large one
 _AHEAD = 1_024  # of all files: a transcript has tens of kilobytes

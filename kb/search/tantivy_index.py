@@ -18,12 +18,14 @@ from typing import NamedTuple
 
 import orjson
 import tantivy
-from tantivy import Filter, Occur, Query, Tokenizer
+from tantivy import Filter, Query, Tokenizer
 
 from kb.artifacts import index as index_of
+from kb.core.errors import SettingError
 from kb.core.regular_file import check_regular
 from kb.core.scripts import UNSPACED
-from kb.search.passage import KINDS, PAGES, Passage
+from kb.core.sources import KINDS, PAGES
+from kb.search.passage import Passage
 from kb.store.damage import opening, unreadable
 from kb.store.exhausted import full_disk_is_resumable
 
@@ -48,9 +50,9 @@ def schema() -> tantivy.Schema:
     """The fields of a passage."""
     made = tantivy.SchemaBuilder()
     made.add_text_field(WORDS, tokenizer_name=ANALYZER)
-    for name in (NAME, KEY):
+    for name in (NAME, KEY, KIND):
         made.add_text_field(name, tokenizer_name="raw", index_option="basic")
-    for name in (KIND, NUMBER, THING, DAY):
+    for name in (NUMBER, THING, DAY):
         made.add_integer_field(name, fast=True)
     made.add_bytes_field(ROW, stored=True)
     return made.build()
@@ -126,11 +128,7 @@ class PassageIndex:
 
     def kinds(self, kinds: Iterable[str]) -> Query:
         """Passages of these kinds."""
-        numbers = [KINDS.index(one) for one in kinds]
-        integer = tantivy.FieldType.Integer
-        return Query.boolean_query(
-            [(Occur.Should, Query.range_query(self.schema, KIND, integer, n, n)) for n in numbers]
-        )
+        return Query.term_set_query(self.schema, KIND, list(kinds))
 
     def keys(self, keys: Iterable[str]) -> Query:
         return Query.term_set_query(self.schema, KEY, list(keys))
@@ -271,6 +269,11 @@ def write(
 def _document(
     passage: Passage, found_by: Iterable[str], number: int, thing: int
 ) -> tantivy.Document:
+    if passage.kind not in KINDS:
+        raise SettingError(
+            f"a passage is of the kind {passage.kind!r}, which its source does not declare",
+            hint="add it to `kinds` in schemas/sources/ of the source's package",
+        )
     made = tantivy.Document()
     for text in (passage.title, passage.title, passage.path, passage.text, passage.alt):
         if text:
@@ -278,7 +281,7 @@ def _document(
     for name in found_by:
         made.add_text(NAME, f"{passage.kind in PAGES:d}{name}")
     made.add_text(KEY, passage.key)
-    made.add_integer(KIND, KINDS.index(passage.kind))
+    made.add_text(KIND, passage.kind)
     made.add_integer(NUMBER, number)
     made.add_integer(THING, thing)
     if passage.date:

@@ -31,26 +31,7 @@ SUMS = "SHA256SUMS"
 """The file name of the checksums of a release folder, and of captured files."""
 
 
-# Of what is made from sources: what else it reads beside their clean rows, the parts of the
-# profile that decide its rows, and the number of its rules.
-_OTHER_INPUTS = {
-    "tasks": ("raw/youtube/ytdlp_playlists", "labels"),
-    "links": ("raw/wiki/pages", "raw/wiki/site"),
-}
-_SETTINGS = {
-    "pairs": ("pairs", "seed", "youtube.language", "keywords"),
-    "tasks": ("tasks", "youtube.topic_keywords", "keywords", "pairs.include"),
-    "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
-}
-_RULES = {
-    "clean/youtube": 5,
-    "clean/reddit": 3,
-    "clean/wiki": 3,
-    "pairs": 9,
-    "tasks": 2,
-    "links": 2,
-    "export/text": 2,
-}
+_FORMAT_RULES = {"text": 2}  # numbers of the rules of export formats
 CHUNKS = "-chunks.jsonl"  # the end of an export's name with `--chunk-tokens`
 _KEPT_FILES = {"pairs": ("measures.json",)}  # figures of samples that cost requests
 
@@ -132,7 +113,7 @@ def _declared() -> Iterator[Artifact]:
     for source in SOURCES:
         yield _clean(source)
     for name in PUBLISHED:
-        if name in _RULES:
+        if name not in SOURCES and not PUBLISHED[name].part_of:
             yield _made(name)
         yield _released(name)
     for source in SOURCES:
@@ -143,9 +124,10 @@ def _declared() -> Iterator[Artifact]:
             f"index-{source}",
             reads=tuple(f"{source}/{short}" for short in SOURCES[source].indexed),
             maker=Maker("index", "index", (source,)),
-            settings=("youtube.language",),
+            settings=tuple(f"{one}.language" for one in SOURCES),
             rules=9,
         )
+    figured = (f"{name}.{key}" for name, one in SOURCES.items() for key in one.figured)
     yield Artifact(
         "report",
         (*(f"clean/{source}" for source in SOURCES), "pairs", "tasks", "links"),
@@ -153,7 +135,7 @@ def _declared() -> Iterator[Artifact]:
         "report",
         maker=Maker("report", "report"),
         every_file=True,
-        settings=("title", "seed", "toxicity", "report", "youtube.min_duration_s"),
+        settings=("title", "seed", "toxicity", "report", *figured),
     )
     for name in PUBLISHED:
         for export in PUBLISHED[name].exports:
@@ -166,7 +148,7 @@ def _declared() -> Iterator[Artifact]:
                 maker=Maker(name, "export", (*_own_name(name), format_)),
                 public=True,
                 settings=("name",),
-                rules=_RULES.get(f"export/{format_}", 1),
+                rules=_FORMAT_RULES.get(format_, 1),
             )
             yield made
             if format_ == "text":
@@ -209,7 +191,7 @@ def _clean(source: str) -> Artifact:
         maker=Maker(source, "tables", (source,)),
         settings=(source, "toxicity.toxicity", f"toxicity.thresholds.{source}"),
         other_settings=tuple(f"{source}.{key}" for key in SOURCES[source].crawl_settings),
-        rules=_RULES.get(f"clean/{source}", 2),
+        rules=SOURCES[source].revision,
     )
 
 
@@ -217,14 +199,14 @@ def _made(name: str) -> Artifact:
     linked = tuple(f"{one}/{short}" for one in SOURCES for short in SOURCES[one].linked)
     return Artifact(
         name,
-        (*(f"clean/{one}" for one in made_of(name)), *_OTHER_INPUTS.get(name, ())),
+        (*(f"clean/{one}" for one in made_of(name)), *PUBLISHED[name].beside),
         f"kb {name}",
         name,
         tuple(one.name for one in tables().values() if one.source == name),
         linked if name == "links" else (),
         maker=Maker(name, "tables"),
-        settings=_SETTINGS[name],
-        rules=_RULES[name],
+        settings=PUBLISHED[name].decided_by,
+        rules=PUBLISHED[name].revision,
     )
 
 

@@ -19,13 +19,15 @@ from kb.core.config.section import (
 
 STILL_S = 0.5  # how long nothing of a page may load or move before it is captured
 
+NOTHING = ":not(*)"  # what a selector that is not set matches
+
 _REGIONS = {
     "infobox": ".infobox, .portable-infobox, .notaninfobox, [class^='infobox']",
     "navbox": ".navbox, .vertical-navbox, .navbox-inner, [role='navigation'].navigation-box",
     "toc": "#toc, .toc, .mw-table-of-contents-container",
     "hatnote": ".hatnote, .dablink, .rellink",
     "gallery": ".gallery, .wikia-gallery, .gallerybox",
-    "recipe": ".mcui, .invslot",
+    "recipe": "",  # by default what holds a recipe, and slots outside of one
     "other": ".mbox, .ambox, .msgbox, .metadata, .catlinks",
 }
 
@@ -73,7 +75,8 @@ class Markup(Section):
     )
     regions: dict[str, str] = Field(
         default_factory=lambda: dict(_REGIONS),
-        description="selectors by region name; the innermost region wins",
+        description="selectors by region name; the innermost region wins. The region `recipe` is"
+        " what the keys `recipe` and `slot` select, where nothing else is given",
     )
     sprite: str = Field(".sprite", description="icons shown as a CSS background")
     sprite_image: str = Field(".sprite-file", description="spans that hold an icon as an image")
@@ -105,11 +108,11 @@ class Markup(Section):
         description="the domain's own units of figures in infoboxes, besides the usual ones"
         " (kg, hours, % …)",
     )
-    recipe: str = Field(".mcui", description="grids of slots that show a recipe")
-    slot: str = Field(".invslot", description="slots of a recipe")
-    slot_row: str = Field(".mcui-row", description="rows of its grid")
-    slot_output: str = Field(".mcui-output", description="container of the result's slots")
-    quantity: str = Field(".invslot-stacksize", description="how many there are in a slot")
+    recipe: str = Field("", description="grids of slots that show a recipe; none by default")
+    slot: str = Field("", description="slots of a recipe")
+    slot_row: str = Field("", description="rows of its grid")
+    slot_output: str = Field("", description="container of the result's slots")
+    quantity: str = Field("", description="how many there are in a slot")
     stations: dict[str, tuple[str, ...]] = Field(
         default_factory=dict,
         description="what recipes are made with: a station's name, and words of which one stands in"
@@ -124,9 +127,11 @@ class Markup(Section):
     @field_validator("*")
     @classmethod
     def _selector(cls, value: object, info: ValidationInfo) -> object:
+        optional = info.field_name and cls.model_fields[info.field_name].default == ""
         if (
             isinstance(value, str)
             and info.field_name != "item"
+            and (value or not optional)
             and (wrong := selector_problem(value))
         ):
             raise ValueError(wrong)
@@ -152,7 +157,7 @@ class Markup(Section):
                 f"has unknown regions {', '.join(sorted(unknown))}; known: {', '.join(_REGIONS)}"
             )
         for name, selector in value.items():
-            if wrong := selector_problem(selector):
+            if selector != _REGIONS[name] and (wrong := selector_problem(selector)):
                 raise ValueError(f"{name} {wrong}")
         return value
 
@@ -243,6 +248,9 @@ class WikiSection(SourceSection):
             what = f"'wiki.url' is \"{self.url}\", which looks like a page"
             yield WARNING, "wiki.url", what, f'the root may be "{root}"'
         yield from host_remarks("wiki.hosts", self.hosts)
+        if self.markup.recipe and not self.markup.slot:
+            what = "'wiki.markup.recipe' is set, and 'wiki.markup.slot' is not: no recipe is read"
+            yield WARNING, "wiki.markup.recipe", what, "name the slots of a recipe too"
         if self.max_page_height < self.viewport_height:
             what = f"'wiki.max_page_height' is {self.max_page_height}: nothing passes"
             fix = f"a page is at least as high as the window, {self.viewport_height} CSS px"
@@ -256,6 +264,7 @@ class WikiSection(SourceSection):
     def rules(self) -> dict[str, object]:
         """What the page scripts take: selectors and limits."""
         markup = self.markup
+        recipes = ", ".join(filter(None, (markup.recipe, markup.slot))) or NOTHING
         return {
             "root": re.split(r",\s*(?![^(\[]*[)\]])", markup.root),
             "title": markup.title,
@@ -274,12 +283,12 @@ class WikiSection(SourceSection):
             "fact_field": markup.fact_field,
             "fact_value": markup.fact_value,
             "fact_subject": markup.fact_subject,
-            "recipe": markup.recipe,
-            "slot": markup.slot,
-            "slot_row": markup.slot_row,
-            "slot_output": markup.slot_output,
-            "quantity": markup.quantity,
-            "regions": list(markup.regions.items()),
+            "recipe": markup.recipe or NOTHING,
+            "slot": markup.slot or NOTHING,
+            "slot_row": markup.slot_row or NOTHING,
+            "slot_output": markup.slot_output or NOTHING,
+            "quantity": markup.quantity or NOTHING,
+            "regions": [(name, one or recipes) for name, one in markup.regions.items()],
             "infobox": markup.regions.get("infobox", ".infobox"),
             "max_elements": self.max_elements,
             "settle_seconds": self.settle_seconds,

@@ -93,10 +93,11 @@ class Wiki(Source):
         return list(answers(con, root, folder))
 
     def writers(self) -> Mapping[str, Writer]:
-        from kb.export import minedojo, text, wiki_tar
+        from kb.export import minedojo, text
+        from kb.wiki import tar_shards
 
         return {
-            "parquet": wiki_tar.export,
+            "parquet": tar_shards.export,
             "minedojo": minedojo.wiki,
             "text": partial(text.export, of=self),
         }

@@ -24,6 +24,8 @@ class Site:
         self.deleted: set[int] = set()
         self.asked: Counter[str] = Counter()
         self.fault: Callable[[str], int | None] = lambda path: None
+        self.title: Callable[[int], str] = lambda key: f"How is thing {key} made?"
+        self.body: Callable[[int], str] = lambda key: f"I have no idea how to make thing {key}."
         self.root = ""
 
     def answer(self, address: str) -> tuple[int, Any]:
@@ -52,9 +54,8 @@ class Site:
         return 200, {"items": entries[first : first + PAGE], "has_more": more}
 
     def _question(self, key: int) -> dict[str, Any]:
-        title = f"How is thing {key} made?"
         numbers = {"question_id": key, "score": key - 103, "creation_date": 1_700_000_000 + key}
-        return {**numbers, "title": title, "body": f"I have no idea how to make thing {key}."}
+        return {**numbers, "title": self.title(key), "body": self.body(key)}
 
     def _answers(self, key: int) -> list[dict[str, Any]]:
         return [

@@ -19,6 +19,7 @@ import pyarrow.dataset as ds
 import pytest
 from anyio.from_thread import start_blocking_portal
 
+from kb.sandbox.toxicity import tiny_checkpoint
 from tests.cli.conftest import clean_environment
 from tests.fourth.service import KEY, Site, serving
 
@@ -77,8 +78,10 @@ class Place:
         self.environment = {**clean_environment(), "PYTHONPATH": str(installed), "QANDA_KEY": KEY}
         self.profile()
 
-    def profile(self, units: int = 300) -> None:
+    def profile(self, units: int = 300, *, scored: bool = False) -> None:
         text = PROFILE.format(url=self.site.root, units=units)
+        if scored:
+            text = text.replace('toxicity = "off"\n', "") + "[toxicity.thresholds]\nqanda = 0.5\n"
         (self.folder / "profile.toml").write_text(text)
 
     def start(
@@ -193,7 +196,7 @@ def test_from_crawl_to_purge(place: Place) -> None:
     assert {"questions", "answers"} <= {one["@id"] for one in croissant["recordSet"]}
     query = "kb.load('root/release/qanda').sql('SELECT min(score) FROM qanda_questions')"
     assert place.python(f"import kb; print([*next(iter({query})).values()])") == "[0]\n"
-    answer, status = place.run("search furnace", "status")
+    answer, status = place.run("search furnace --kind answer", "status")
     assert {one["key"] for one in answer["answers"]} == {f"a{key}0" for key in kept}
     assert (status["sources"]["qanda"]["crawled_so_far"], status["left"]) == (10, 0)
     assert "Thing 107 needs a furnace" in read(place, "qanda:107/1070")
@@ -235,6 +238,42 @@ def test_two_machines_share_a_crawl(place: Place) -> None:
     assert (listed["crawled"], listed["failed"], listed["requests"]) == (3, 0, 2)
 
 
+def test_its_texts_are_scored_and_toxic_ones_rejected(place: Place) -> None:
+    """By the filter and by `kb annotate`, by the threshold in the profile."""
+    place.profile(scored=True)
+    place.environment["KB_TOXICITY_MODEL"] = str(tiny_checkpoint())
+    place.site.body = lambda key: "You are an idiot." if key == 107 else f"What is thing {key}?"
+    _, annotated, filtered, *_ = place.run("qanda crawl", "annotate qanda", "qanda filter")
+    assert (annotated["scored"], filtered["kept"], filtered["stages"]["toxicity"]) == (16, 14, 1)
+    (row,) = json.loads(
+        place.python(
+            "import json, kb; print(json.dumps(list(kb.load('root').sql("
+            "'SELECT key, reason, threshold FROM qanda_rejected WHERE stage = \\'toxicity\\''))))"
+        )
+    )
+    assert row == {"key": "q107", "reason": "body", "threshold": "0.5"}
+
+
+def test_its_key_is_asked_for_and_shown_nowhere(place: Place) -> None:
+    """`kb doctor` names the setting; a key in `.env` is as good, and is in no file and message."""
+    (checked,) = place.run("doctor")
+    lines = {line["what"]: line for line in checked["checks"]}
+    assert (lines["QANDA_KEY"]["state"], lines["QANDA_KEY"]["found"]) == ("ok", "set")
+    del place.environment["QANDA_KEY"]
+    (checked,) = place.run("doctor")
+    (line,) = [line for line in checked["checks"] if line["what"] == "QANDA_KEY"]
+    assert (line["state"], line["found"]) == ("note", "not set")
+    assert "the questions and answers' API" in line["fix"]
+    code, told = place.fails("qanda crawl")
+    assert (code, "`kb doctor " in told, "lists every one" in told) == (2, True, True)
+    (place.folder / ".env").write_text(f"QANDA_KEY={KEY}\n")
+    place.site.title = lambda key: f"Is {KEY} my key?"
+    place.run("qanda crawl", "qanda filter")
+    for path in place.root.rglob("*"):
+        assert not path.is_file() or KEY.encode() not in path.read_bytes(), path
+    assert KEY not in "".join(map(str, raw(place)))
+
+
 @pytest.mark.dask
 def test_a_cluster_makes_the_same_tables(place: Place) -> None:
     _, local, cluster = place.run(
@@ -272,6 +311,7 @@ def read(place: Place, ref: str) -> str:
     [
         ("sources/qanda.toml", 'main = "questions"', "main = 3", r"sources/qanda\.toml: .*main"),
         ("sources/qanda.toml", 'answers = "a"', 'answers = "q"', "a key of answers"),
+        ("sources/qanda.toml", 'kinds = ["question", "answer"]\n', "", "`kinds` says nothing"),
         ("sources/qanda.toml", "[settings.qanda_key]", "[settings.other]", "setting qanda_key"),
         ("tables/qanda/answers.toml", "items[].score", "items[].votes", r"column score: .*votes"),
         ("raw/qanda/pages.json", '"x-keys"', "x-keys", r"raw/qanda/pages\.json: not readable"),

@@ -447,7 +447,7 @@ def build(
 
 def archived(root: Path) -> None:
     """The wiki's files, and its export: tables, tars and their index."""
-    from kb.export import wiki_tar
+    from kb.export import tar_shards
     from tests.release.conftest import a_run
 
     for column, what in (
@@ -461,7 +461,7 @@ def archived(root: Path) -> None:
             if row[name]:
                 (root / row[name]).parent.mkdir(parents=True, exist_ok=True)
                 (root / row[name]).write_bytes(what % row["page_id"])
-    wiki_tar.export(a_run(root))
+    tar_shards.export(a_run(root))
 
 
 def released(root: Path, name: str, part: Path, shard_rows: int = 40) -> None:

@@ -12,9 +12,10 @@ import pytest
 from PIL import Image
 
 from kb.core.errors import DamagedData, FatalError
-from kb.export import minedojo, wiki_tar
+from kb.export import minedojo
 from kb.schema import table
 from kb.store.tables.shard_writer import write_table
+from kb.wiki import tar_shards
 
 BOX = {
     "type": "array",
@@ -166,7 +167,7 @@ def put(root, rows, name):
 
 
 def test_tars_tables_and_index_agree(run):
-    wiki_tar.export(run)
+    tar_shards.export(run)
     folder = run.root / "release" / "wiki"
     index = [json.loads(line) for line in (folder / "index.ndjson").read_text().splitlines()]
     names = {f"{line['tar']}/{line['member']}" for line in index}
@@ -198,18 +199,18 @@ def test_tars_tables_and_index_agree(run):
 def test_same_rows_same_bytes(run, tmp_path):
     import shutil
 
-    wiki_tar.export(run)
+    tar_shards.export(run)
     other = tmp_path / "other"
     shutil.copytree(run.root, other)
     shutil.rmtree(other / "release")
-    wiki_tar.export(dataclasses.replace(run, root=other, workers=1))
+    tar_shards.export(dataclasses.replace(run, root=other, workers=1))
     for path in sorted((run.root / "release/wiki").iterdir()):
         assert path.read_bytes() == (other / "release/wiki" / path.name).read_bytes(), path.name
 
 
 def test_tars_are_split_by_size(run, monkeypatch):
-    monkeypatch.setattr(wiki_tar, "TAR_BYTES", 1500)
-    assert wiki_tar.export(run)["tars"] == 4
+    monkeypatch.setattr(tar_shards, "TAR_BYTES", 1500)
+    assert tar_shards.export(run)["tars"] == 4
     assert {path.name for path in (run.root / "release/wiki").glob("*.tar")} == {
         f"{kind}-0000{n}-of-00002.tar" for kind in ("images", "screenshots") for n in (0, 1)
     }
@@ -312,19 +313,19 @@ def test_no_path_in_data_leads_out_of_the_data_root(run, path, said):
     ]
     place = rows.column_names.index("path")
     write_table(part, rows.set_column(place, "path", pa.array(paths, pa.string())), "wiki/images")
-    for write in (wiki_tar.export, minedojo.wiki):
+    for write in (tar_shards.export, minedojo.wiki):
         with pytest.raises(DamagedData, match=said):
             write(run)
 
 
 def test_nothing_to_export_and_lost_files(run, run_on, tmp_path):
     empty = run_on(tmp_path / "empty", "https://wiki.example")
-    for write in (wiki_tar.export, minedojo.wiki):
+    for write in (tar_shards.export, minedojo.wiki):
         with pytest.raises(FatalError, match="nothing to export"):
             write(empty)
     (run.root / "raw/wiki/images/aaaa.png").unlink()
     with pytest.raises(DamagedData, match=r"aaaa.png is not there"):
-        wiki_tar.export(run)
+        tar_shards.export(run)
 
 
 @pytest.mark.parametrize(

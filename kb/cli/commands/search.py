@@ -13,7 +13,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, warn, warn_stale
 from kb.cli.framework.options import Options
 from kb.core.context import Run
-from kb.core.sources import SOURCES
+from kb.core.sources import KINDS, SOURCES
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
@@ -37,15 +37,8 @@ class AnswerFormat(StrEnum):
     json = "json"
 
 
-class HitKind(StrEnum):
-    """Kinds of answers."""
-
-    video = "video"
-    transcript = "transcript"
-    section = "section"
-    table = "table"
-    post = "post"
-    comment = "comment"
+# Kinds of answers.
+HitKind = StrEnum("HitKind", list(KINDS))  # type: ignore[misc]
 
 
 @command(

@@ -202,7 +202,7 @@ class Settings(BaseSettings):
             raise MissingCredential(
                 ", ".join(facts),
                 hint=f"set {'it' if len(facts) == 1 else 'them'} in the environment or in .env;"
-                " .env.example shows how",
+                " `kb doctor` lists every one",
             )
         if "kb_contact" in fields:
             self.check_contact()

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from kb.core.errors import DamagedData
+from kb.core.sources import SOURCES
 from kb.store import damage_note
 from kb.store.atomic import followed, write_bytes, writing
 from kb.store.damage import open_file
@@ -26,12 +27,7 @@ from kb.store.tables import reading
 
 Apply = Callable[[Frontier, str, Envelope], None]
 """Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
-_IMPORTS = {
-    "dumps": "run `kb reddit import --again` with the dumps that were imported",
-    "own_transcripts": "run `kb youtube import` with the --own-transcripts that were imported",
-    "ytdlp_playlists": "run `kb youtube import` with the folders that were imported",
-}
-"""The raw kinds that no crawl can ask for, and how they come again."""
+_IMPORTED = {kind: hint for one in SOURCES.values() for kind, hint in one.imported.items()}
 _NAMED = 3  # items that a message names
 _CHUNK = 1 << 16
 
@@ -89,7 +85,7 @@ def noted_segments(root: Path, source: str) -> list[Path]:
 def lost_imports(lost: Sequence[LostRange]) -> list[tuple[str, str]]:
     """(kind, segment) of those that no crawl can ask for."""
     places = [(path.parent.name, path.name) for path, *_ in lost]
-    return [place for place in dict.fromkeys(places) if place[0] in _IMPORTS]
+    return [place for place in dict.fromkeys(places) if place[0] in _IMPORTED]
 
 
 def losses(root: Path, source: str, frontier: Frontier, *, every: bool = False) -> list[LostRange]:
@@ -164,7 +160,7 @@ def damage_of(
         what += f"; lost are the answers of {named}{more}"
     if len(lost) > 1:
         what += f" (and {len(lost) - 1:,} more places)"
-    hints = [_IMPORTS[kind] for kind, _ in items if kind in _IMPORTS]
+    hints = [_IMPORTED[kind] for kind, _ in items if kind in _IMPORTED]
     if len(hints) < len(items) or not lost:
         hints.append(f"run `kb {source} crawl`: it fetches them again")
     hint = "; ".join(dict.fromkeys(hints)) or "no known answer was lost: the same command resumes"

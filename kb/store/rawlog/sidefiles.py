@@ -118,7 +118,7 @@ def captured_path(root: Path, path: str) -> Path:
     """The place of a captured page or image. Raises DamagedData for a path outside raw/wiki."""
     if not is_captured_path(path):
         raise DamagedData(
-            f"the wiki's data name {path!r}, which is not in {Layout(root).raw(CAPTURED)}",
+            f"a page or an image is {path!r}, which is not in {Layout(root).raw(CAPTURED)}",
             hint="those raw files are not from a crawl: move them away",
         )
     return root / path

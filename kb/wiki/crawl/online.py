@@ -88,11 +88,12 @@ return arguments[1].map(([selector, around]) => {
 
 
 def selectors_of(markup: Markup) -> dict[str, str]:
-    """The selectors of a profile by their keys below `wiki.markup`."""
+    """The selectors that a profile has, by their keys below `wiki.markup`."""
     names = [name for name in Markup.model_fields if name not in _NO_SELECTORS]
-    return {name: getattr(markup, name) for name in names} | {
+    every = {name: getattr(markup, name) for name in names} | {
         f"regions.{name}": selector for name, selector in markup.regions.items()
     }
+    return {key: selector for key, selector in every.items() if selector}
 
 
 def count_matches(markup: Markup, pages: Iterable[str]) -> dict[str, int | None]:

@@ -26,13 +26,14 @@ from kb.core.errors import (
     Unreachable,
 )
 from kb.core.progress import Progress
-from kb.export import minedojo, wiki_tar
+from kb.export import minedojo
 from kb.filters.filter_run import run_clean
 from kb.sandbox.world import World
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.verify.root import verify
+from kb.wiki import tar_shards
 from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
 from kb.wiki.crawl.connector import LAST_SECONDS, crawl
@@ -231,11 +232,11 @@ def test_lost_images_and_captures_are_asked_for_again(whole, copied, damage):
     )
     original = next(row["path"] for row in found["images"] if (row["path"] or "").endswith(".jpg"))
     shot = found["pages"][0]["screenshot_path"]
-    wiki_tar.export(copied)
+    tar_shards.export(copied)
     released = {path.name: path.read_bytes() for path in root.glob("release/wiki/*.tar")}
     for path in (sprite, original, shot):
         damage(root / path)
-    for write in (wiki_tar.export, minedojo.wiki):
+    for write in (tar_shards.export, minedojo.wiki):
         with pytest.raises(DamagedData, match=r"is (empty|not there|not what was)") as told:
             write(copied)
         assert told.value.hint.startswith("run `kb wiki crawl`")
@@ -245,14 +246,14 @@ def test_lost_images_and_captures_are_asked_for_again(whole, copied, damage):
     assert (summary["images_failed"], summary["failed"]) == (0, 0)
     assert summary["requests"] > 0
     assert tables(copied) == found
-    wiki_tar.export(copied)
+    tar_shards.export(copied)
     assert {path.name: path.read_bytes() for path in root.glob("release/wiki/*.tar")} == released
     assert crawl(copied)["requests"] == 0
 
 
 def test_verify_finds_them_and_a_crawl_after_repair_has_them_again(whole, copied, sandbox):
     root = copied.root
-    wiki_tar.export(copied)
+    tar_shards.export(copied)
     assert verify(root, Progress()).entries == []
     shots = sorted(root.glob("raw/wiki/pages/*/*/screenshot.png"))
     pictures = sorted(root.glob("raw/wiki/images/*"))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from kb.core.config.profile import load_profile
 from kb.core.errors import ItemFinal
 from kb.wiki.parse import facts
+from kb.wiki.section import Markup
 
 UNITS = facts.UNITS
 MINECRAFT = load_profile("minecraft").wiki.markup
@@ -270,6 +271,18 @@ def test_recipes_of_minecraft_wiki(pages, look):
         (0, 2, "output", 0, 0, "Glass", 64, True),
         (1, 0, "input", 0, 0, "Bow", 1, False),
     ]
+
+
+def test_a_profile_that_names_no_grid_reads_no_recipe(pages, look, section):
+    """The classes of one wiki stand in its profile: another one's grids are text and pictures."""
+    rules = section.model_copy(update={"markup": Markup()}).rules
+    grid = '<div class="mcui"><span class="invslot">Clay</span></div>'
+    url = pages.put("/shown/plain", f"<!DOCTYPE html><div id=content><p>Jar</p>{grid}</div>")
+    extraction = look(url, rules=rules).extraction
+    assert extraction["recipes"] == []
+    assert {element["region"] for element in extraction["elements"]} == {"content"}
+    (read,) = look(url, rules=section.rules).extraction["recipes"]
+    assert read
 
 
 def test_more_slots_than_a_page_may_have_elements_are_too_many(pages, look):

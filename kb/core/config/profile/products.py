@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, create_model, field_validator, model_validator
 
 from kb.core.config.section import Phrases, RecipeSection, Section, lies_beside
+from kb.core.sources import SOURCES
 
 _Words = Annotated[str, Field(min_length=1)]
 
@@ -229,14 +230,26 @@ class EntityLinks(RecipeSection):
     about = "Links: where each source names the keywords of pairs"
 
 
-class Thresholds(Section):
+class SourceThresholds(Section):
     """A text whose largest category is above its source's number is dropped;
     without one, none is.
     """
 
-    youtube: Score | None = Field(None, description="for titles and descriptions of videos")
-    wiki: Score | None = Field(None, description="for a page's whole text")
-    reddit: Score | None = Field(None, description="for titles, bodies and comments")
+
+if TYPE_CHECKING:
+    Thresholds = SourceThresholds
+else:
+    Thresholds = create_model(
+        "Thresholds",
+        __base__=SourceThresholds,
+        __module__=__name__,
+        __doc__=SourceThresholds.__doc__,
+        **{
+            name: (Score | None, Field(None, description=f"for {source.scored}"))
+            for name, source in SOURCES.items()
+            if source.scored
+        },
+    )
 
 
 class Toxicity(Section):

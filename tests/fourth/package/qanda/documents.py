@@ -19,10 +19,10 @@ def passages(root: Path, url: str) -> Iterator[Passage]:
     for row in rows(root, "qanda/questions", QUESTION):
         key, title, date = row["question_id"], plain(row["title"]), day(row["created_at"])
         there = f"{url}/questions/{key}"
-        yield Passage("post", f"q{key}", key, title, plain(row["body"]), there, date)
+        yield Passage("question", f"q{key}", key, title, plain(row["body"]), there, date)
         for answer in answers.of(key):
             at, body = answer["answer_id"], plain(answer["body"])
-            yield Passage("comment", f"a{at}", key, title, body, f"{there}#{at}", date)
+            yield Passage("answer", f"a{at}", key, title, body, f"{there}#{at}", date)
 
 
 def document(tables: OpenTables, place: SourceLocation) -> AgentDocument:

@@ -6,13 +6,16 @@ from functools import partial
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.annotate import toxicity
 from kb.core.config.profile import Profile
 from kb.filters.chain import Chain, Clean, RawRows
-from kb.filters.predicates import AtLeast, In
+from kb.filters.predicates import AtLeast, In, none_above
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
 from kb.store.tables.partition import RawKind
 from qanda.section import QAndASection
+
+BODY = {"body": "toxicity"}  # texts that are scored → the column of the score
 
 
 def parse(kind: str, lines: Iterable[bytes]) -> Iterator[pa.Table]:
@@ -30,6 +33,7 @@ def with_question(rows: pa.Table, kept: Mapping[str, pa.Table]) -> pa.Table:
 def clean(p: Profile) -> Clean:
     """The stages of both tables."""
     score = AtLeast("score", p.section(QAndASection).min_score, "score", "qanda.min_score")
+    civil = none_above(p.toxicity.threshold("qanda"), BODY, "toxicity.thresholds.qanda")
     keys = {"questions": "question_id", "answers": "answer_id"}
     return Clean(
         source="qanda",
@@ -38,14 +42,16 @@ def clean(p: Profile) -> Clean:
             lambda newest: {f"qanda/{kind}": newest[kind] for kind in keys},
         ),
         chains=(
-            Chain("qanda/questions", "question_id", (score,), "q"),
+            Chain("qanda/questions", "question_id", (score, *civil), "q", BODY),
             Chain(
                 "qanda/answers",
                 "answer_id",
-                (In("question", (True,), stage="question"), score),
+                (In("question", (True,), stage="question"), score, *civil),
                 "a",
+                BODY,
                 helpers=("question",),
                 relate=with_question,
             ),
         ),
+        scorer=toxicity,
     )

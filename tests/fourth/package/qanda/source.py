@@ -31,7 +31,7 @@ class QAndA(Source):
         from kb.links.texts import in_columns
 
         if table == "answers":
-            return in_columns(path, "answer_id", {"comment": ("body",)}, "a")
+            return in_columns(path, "answer_id", {"answer": ("body",)}, "a")
         parts = {"title": ("title",), "body": ("body",)}
         return in_columns(path, "question_id", parts, "q")
 
