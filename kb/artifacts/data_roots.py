@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 
 from kb.artifacts.release_folder import is_released
+from kb.store.layout import Layout
 
 _OF_A_ROOT = ("raw", "state", "clean", "restored")  # any of these makes a folder a data root
 _MOST = 500  # entries of a folder among which others are looked for
@@ -19,7 +20,8 @@ def is_root(path: Path) -> bool:
     folder above several, although `state/` was left in it.
     """
     made = [name for name in _OF_A_ROOT if _is_folder(path / name)]
-    if made == ["restored"] and _is_folder(path / "restored" / "restored"):
+    below = Layout(path).restored()
+    if made == [below.name] and _is_folder(Layout(below).restored()):
         return False  # a data root of that name beside releases, as their cards propose
     if not made or is_released(path):
         return False

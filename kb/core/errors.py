@@ -4,6 +4,7 @@ KbError                     exit  what follows
 ├── UsageError              2     nothing was sent or written
 │   ├── SettingError              a setting or option has a wrong value
 │   ├── ProfileError              a profile can't be read, or has a wrong key or value
+│   │   └── NotReleasable         it names no licence, creator or contact of a release
 │   ├── MissingCredential         a key that the command needs is not set
 │   ├── MissingExtra              an optional package is not installed
 │   ├── MissingModel              a model file is absent, cut off or another one
