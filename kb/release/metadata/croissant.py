@@ -21,7 +21,7 @@ from kb.release.metadata.card import bibtex
 from kb.release.metadata.measure import DataFile, Facts, TableFacts
 from kb.release.metadata.templates import about, dataset_name, day, language, name, notes
 from kb.release.provenance import made_with
-from kb.schema.tables import Column
+from kb.schema.tables import Column, Table
 
 PARQUET = "application/x-parquet"
 CONFORMS = ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0"]
@@ -225,19 +225,22 @@ def _archive(file: DataFile) -> dict[str, Any]:
 
 
 def _referenced(table: TableFacts, facts: Facts) -> dict[str, str]:
-    """Column → the field of another table whose rows it names: their whole key. Of two tables with
-    one key the main one is referenced.
+    """Column → the field of another table whose rows it names: their whole key. Of two tables that
+    name each other the main one is referenced: readers allow no circle.
     """
-    main, own = PUBLISHED[facts.source].main, table.table
-    named = {column.column.name for column in table.columns}
+    own = table.table
     return {
         other.key[0]: f"{other.short}/{other.key[0]}"
         for other in (fact.table for fact in facts.tables)
         if other.short != own.short
-        and len(other.key) == 1
-        and other.key[0] in named
-        and (other.key != own.key or other.short == main)
+        and _names(own, other)
+        and (not _names(other, own) or other.short == PUBLISHED[facts.source].main)
     }
+
+
+def _names(one: Table, other: Table) -> bool:
+    """Whether a released column of a table is the key of another one."""
+    return len(other.key) == 1 and other.key[0] in one.names(released=True)
 
 
 def _records(table: TableFacts, referenced: Mapping[str, str]) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def on_disk(root: Path, folders: Sequence[str] = ()) -> dict[str, str]:
     release = root / "release"
     return {
         path.relative_to(release).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in release.rglob("*")
+        for path in release.glob("*/*")
         if path.is_file() and (not folders or path.parent.name in folders)
     }
 
