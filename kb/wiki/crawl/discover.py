@@ -157,20 +157,26 @@ def other_pages(frontier: Frontier, key: str, front: str) -> list[Comparison]:
 
 
 def other_files(
-    frontier: Frontier, url: str, reached: Callable[[str], str] = str
+    frontier: Frontier, url: str, served: Iterable[str], reached: Callable[[str], str] = str
 ) -> list[Comparison]:
     """Files of the same host that were stored, to compare a refused one with, drawn at random.
-    `reached` gives the URL at which a recorded one is reached now.
+    `served` are URLs of some that the frontier does not know yet. `reached` gives the URL at which
+    a recorded one is reached now.
     """
     host = urlsplit(url).netloc
-    stored = sorted(
-        Comparison(source, None, answered_before=True)
+    recorded = (
+        reached(source)
         for key, _, _, file in frontier.items("files", "done")
-        for source in map(reached, media_urls.sources(key, file.src if file else None)[:1])
+        for source in media_urls.sources(key, file.src if file else None)[:1]
+    )
+    stored = sorted(
+        source
+        for source in {*recorded, *served}
         if urlsplit(source).netloc == host and source != url
     )
     rng = clock.rng("others", url, clock.monotonic())
-    return rng.sample(stored, min(COMPARED, len(stored)))
+    drawn = rng.sample(stored, min(COMPARED, len(stored)))
+    return [Comparison(source, None, answered_before=True) for source in drawn]
 
 
 def reopen_larger(frontier: Frontier, section: WikiSection) -> None:

@@ -11,7 +11,7 @@ from concurrent.futures import Executor
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import unquote_to_bytes
 
 import msgspec
@@ -115,6 +115,14 @@ def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:
     frontier.mark("files", changed, "todo")
 
 
+class FileAnswer(NamedTuple):
+    """The answer to record of one file. Where a URL was refused, others are compared first."""
+
+    answer: dict[str, Any]
+    refused_url: str = ""
+    refused_for: str = ""
+
+
 def files(
     api: WikiApi,
     web: WikiHosts,
@@ -122,10 +130,10 @@ def files(
     threads: Executor,
     items: list[Item],
     front: FrontEnd,
-    others: Callable[[str], list[Comparison]],
+    others: Callable[[str, list[str]], list[Comparison]],
 ) -> Iterator[Answer]:
     """The original images, with their descriptions by the wiki. `others` gives the files to compare
-    a refused one with, by its URL.
+    a refused one with, by its URL and those that were served just now.
     """
     known: dict[str, dict[str, Any]] = {}
     names = dict.fromkeys(item.payload.title for item in items if item.payload.title)
@@ -135,26 +143,31 @@ def files(
         known |= _by_title(answer)
     asked = [
         threads.submit(
-            fetch_original,
-            web,
-            section,
-            item,
-            known.get(item.payload.title or "", {}),
-            front,
-            others,
+            fetch_original, web, section, item, known.get(item.payload.title or "", {}), front
         )
         for item in items
     ]
     failed: BaseException | None = None
+    served: list[str] = []
+    refused = []
     for item, future in zip(items, asked, strict=True):
         try:
-            stored = future.result()
+            file = future.result()
         except BaseException as error:  # noqa: BLE001  record the other files first
             failed = failed or error
-        else:
-            yield Answer("files", item.key, {}, stored)
+            continue
+        if file.refused_url:
+            refused.append((item, file))
+            continue
+        if file.answer["outcome"] == "stored" and "url" in file.answer:
+            served.append(file.answer["url"])
+        yield Answer("files", item.key, {}, file.answer)
     if failed is not None:
         raise failed
+    # Only now is it known which files of this batch were served.
+    for item, file in refused:
+        front.compare(file.refused_for, file_probes(web, others(file.refused_url, served)))
+        yield Answer("files", item.key, {}, file.answer)
 
 
 def _by_title(answer: Answer) -> dict[str, dict[str, Any]]:
@@ -172,9 +185,8 @@ def fetch_original(
     item: Item,
     page: dict[str, Any],
     front: FrontEnd,
-    others: Callable[[str], list[Comparison]],
-) -> dict[str, Any]:
-    """Fetch one original image; returns the answer to be recorded.
+) -> FileAnswer:
+    """Fetch one original image.
 
     `page` is the wiki's description of the file, or empty. The file goes into raw/wiki/images under
     the name of its hash. Raises Blocked, Challenged.
@@ -209,18 +221,18 @@ def fetch_original(
             continue
         except Retryable as error:
             # One failing image does not stop the crawl: the next run retries it.
-            return {**answer, "outcome": "failed", "reason": str(error)}
+            return FileAnswer({**answer, "outcome": "failed", "reason": str(error)})
         stored = _stored(sha256, image, size)
-        return {**answer, **stored, "sha1": info.get("sha1"), "url": url}
-    if refused:
-        front.compare(undecided or reason, file_probes(web, others(refused)))
+        return FileAnswer({**answer, **stored, "sha1": info.get("sha1"), "url": url})
     if undecided:
-        return {**answer, "outcome": "failed", "reason": undecided}
-    if (item.payload.src or "").startswith("data:"):
-        return {**answer, **_part_of_page(folder, item.payload.src, inspect)}
-    if not reason:
-        reason, value = "no_original", item.payload.src  # a thumbnail of a file without a name
-    return {**answer, "outcome": "final", "reason": reason, "value": value}
+        answer |= {"outcome": "failed", "reason": undecided}
+    elif (item.payload.src or "").startswith("data:"):
+        answer |= _part_of_page(folder, item.payload.src, inspect)
+    elif reason:
+        answer |= {"outcome": "final", "reason": reason, "value": value}
+    else:  # a thumbnail of a file without a name
+        answer |= {"outcome": "final", "reason": "no_original", "value": item.payload.src}
+    return FileAnswer(answer, refused, undecided or reason)
 
 
 SCRATCH = ".shot-"
