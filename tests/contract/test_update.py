@@ -111,6 +111,10 @@ def test_a_quota_that_ended_the_first_crawl_before_any_item_is_no_failure(
             done = job.done("update", KB_NOW=f"2027-01-{day}T12:00:00Z", code=3)
             assert done["waits_for"] == f"quota until 2027-01-{day + 1}T08:00:00Z"
             assert done.get("made", 0) > 0 if reddit else "made" not in done
+            run = job.kb("status", "--runs").stdout.splitlines()[1]
+            assert "update" in run
+            assert "waits for quota until" in run
+            assert "{" not in run
     job.profile(("units_per_day = 2\n", ""))
     assert job.done("update", KB_NOW="2027-01-12T12:00:00Z")["made"] > 0
 

@@ -79,9 +79,11 @@ def _show_runs(options: Options) -> None:
 
 def _made(record: "RunRecord") -> str:
     """What a run made, in a few words."""
+    from kb.store.state.run_records import in_words
+
     words = [f"{outcome} {', '.join(names)}" for outcome, names in record.made.items()]
     words += [f"waits for {record.waits_for}"] if record.waits_for else []
-    words += [vocabulary.nouns(record.figures)] if not record.made else []
+    words += [in_words(record.figures)] if not record.made else []
     words += [f"changed: {', '.join(record.settings)}"] if record.settings else []
     return "; ".join(filter(None, words))
 

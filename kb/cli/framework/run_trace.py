@@ -57,12 +57,12 @@ def log_end(code: int, seconds: float, summary: Mapping[str, Any]) -> None:
     """The last line of a run: exit code, time, what it waits for, figures."""
     if not any(type(handler).__name__ == "LogFile" for handler in EVENTS.handlers):
         return
-    from kb.store.state.run_records import figures
+    from kb.store.state.run_records import figures, in_words
 
     words = [f"ends with exit code {code} after {seconds:.1f} s"]
     words += [f"waits for {summary['waits_for']}"] if summary.get("waits_for") else []
-    words += [f"{name} {value}" for name, value in figures(summary).items()]
-    EVENTS.info(", ".join(words), extra=OWN)
+    words += [numbers] if (numbers := in_words(figures(summary))) else []
+    EVENTS.info("%s", ", ".join(words), extra=OWN)
 
 
 def record_run(

@@ -15,6 +15,7 @@ import msgspec
 
 from kb import __version__
 from kb.core.config.profile import Profile
+from kb.core.summary import vocabulary
 from kb.store.atomic import write_bytes
 from kb.store.state import json_files
 
@@ -42,19 +43,32 @@ class RunRecord(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def figures(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """The numbers of a summary, those of its sources and steps as well; nothing else of it."""
-    numbers: dict[str, Any] = {}
-    for name, value in summary.items():
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            numbers[name] = value
-        elif name == "sources" and isinstance(value, Mapping):
-            parts = {
-                source: figures({**about, "sources": about})
-                for source, about in value.items()
-                if isinstance(about, Mapping)
-            }
-            numbers |= {name: {source: part for source, part in parts.items() if part}}
-    return {name: value for name, value in numbers.items() if value not in (0, {})}
+    """The numbers of a summary; under `sources` those of each source or of each of its steps."""
+    numbers = {
+        name: value
+        for name, value in summary.items()
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and value
+    }
+    sources = summary.get("sources")
+    parts = dict(_parts(sources)) if isinstance(sources, Mapping) else {}
+    return {**numbers, "sources": parts} if parts else numbers
+
+
+def _parts(sources: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    for name, about in sources.items():
+        if isinstance(about, Mapping):
+            if own := figures({**about, "sources": None}):
+                yield name, own
+            else:  # an update has several steps of a source
+                yield from _parts(about)
+
+
+def in_words(record: Mapping[str, Any]) -> str:
+    """Figures as people read them: "60 crawled, 8 requests; reddit crawl: 3 crawled"."""
+    own = {name.replace("_", " "): record[name] for name in record if name != "sources"}
+    words = [vocabulary.nouns(own)] if own else []
+    parts = record.get("sources", {}).items()
+    return "; ".join(words + [f"{name}: {in_words(part)}" for name, part in parts])
 
 
 def made(summary: Mapping[str, Any]) -> dict[str, list[str]]:
