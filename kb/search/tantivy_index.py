@@ -121,12 +121,12 @@ class PassageIndex:
 
     def days(self, since: str, until: str) -> Query:
         """Passages of these days, both included; either may be "". None without a date."""
-        first, last = (day(one) if one else None for one in (since, until))
+        first, last = (day(date) if date else None for date in (since, until))
         return Query.range_query(self.schema, DAY, tantivy.FieldType.Integer, first, last)
 
     def kinds(self, kinds: Iterable[str]) -> Query:
         """Passages of these kinds."""
-        numbers = [KINDS.index(one) for one in kinds]
+        numbers = [KINDS.index(kind) for kind in kinds]
         integer = tantivy.FieldType.Integer
         return Query.boolean_query(
             [(Occur.Should, Query.range_query(self.schema, KIND, integer, n, n)) for n in numbers]
