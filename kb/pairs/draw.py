@@ -141,16 +141,16 @@ def sides_of(weights: np.ndarray, groups: np.ndarray, drawn: np.ndarray) -> np.n
     side = np.full(len(drawn), last)
     order = [group for group in np.argsort(drawn, kind="stable").tolist() if size[group]]
     for group in order:
-        fits = (one for one in range(last) if size[group] <= room[one])
+        fits = (place for place in range(last) if size[group] <= room[place])
         side[group] = chosen = next(fits, last)
         room[chosen] -= int(size[group])
-    for one in range(last):  # what is left to fill, by the group that leaves least
+    for small in range(last):  # what is left to fill, by the group that leaves least
         while len(free := [group for group in order if side[group] == last]) > 1:
-            best = min(free, key=lambda group: abs(room[one] - size[group]))
-            if abs(room[one] - size[best]) >= room[one] and (side[order] == one).any():
+            best = min(free, key=lambda group: abs(room[small] - size[group]))
+            if abs(room[small] - size[best]) >= room[small] and (side[order] == small).any():
                 break
-            side[best] = one
-            room[one] -= int(size[best])
+            side[best] = small
+            room[small] -= int(size[best])
     return side[groups]
 
 
@@ -237,8 +237,8 @@ def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
     if labels:
         # What most people answered, of equals the last by the alphabet.
         answers = ", ".join(
-            f"max({{'n': n, 'a': answer}}) FILTER (question = '{one}')['a'] AS {one}"
-            for one in _LABELS
+            f"max({{'n': n, 'a': answer}}) FILTER (question = '{question}')['a'] AS {question}"
+            for question in _LABELS
         )
         columns.append("l.* EXCLUDE (item_id)")
         joins.append(
@@ -291,9 +291,9 @@ def checked(con: duckdb.DuckDBPyConnection, asked: str, where: str) -> str:
     return asked
 
 
-def _both(one: Path, other: Path) -> list[str]:
+def _both(first: Path, other: Path) -> list[str]:
     """The columns that two files have."""
-    mine, theirs = (parquet.open_file(path).schema_arrow.names for path in (one, other))
+    mine, theirs = (parquet.open_file(path).schema_arrow.names for path in (first, other))
     return [name for name in theirs if name in mine]
 
 
@@ -325,7 +325,7 @@ def _pool(con: duckdb.DuckDBPyConnection, asked: str) -> Pool:
     for name, numbers in known.items():
         listed = sorted(numbers)
         place = np.zeros(len(listed), np.int32)
-        place[[numbers[one] for one in listed]] = np.arange(len(listed))
+        place[[numbers[name] for name in listed]] = np.arange(len(listed))
         read = np.concatenate([np.zeros(0, np.int32), *codes.pop(name)])
         columns.append(place[read[order]] if len(read) else read)
         names.append(listed)
@@ -360,9 +360,9 @@ def _sides(
             " WHERE duplicate_video_id IS NOT NULL"
         ).fetchall()
     for pair in links:
-        one, other = (number.setdefault(name, len(number)) for name in pair)
+        first_video, other_video = (number.setdefault(name, len(number)) for name in pair)
         first += range(len(first), len(number))
-        low, high = sorted((head(one), head(other)))
+        low, high = sorted((head(first_video), head(other_video)))
         first[high] = low
     weights = np.bincount(drawn.video, minlength=len(first))
     heads = np.array([head(video) for video in range(len(first))], np.int64)
@@ -397,11 +397,10 @@ def _write_pairs(
     con: duckdb.DuckDBPyConnection, asked: str, drawn: Pool, sides: np.ndarray, path: Path
 ) -> None:
     """The drawn pairs by video and time."""
-    names = pa.array(list(SPLIT))
-    split = names.take(pa.array(sides[drawn.video]))
+    split = pa.array(list(SPLIT)).take(pa.array(sides[drawn.video]))
     con.register("drawn", pa.table({"id": pa.array(drawn.id), "split": split}))
     columns = [str(row[0]) for row in con.sql(f"DESCRIBE {asked}").fetchall()]
-    kept = [one for one in columns if one not in (*_SCORES, *_LABELS)]
+    kept = [column for column in columns if column not in (*_SCORES, *_LABELS)]
     rows = con.sql(
         f"SELECT {', '.join(kept)}, split FROM ({asked}) JOIN drawn ON drawn.id = {_NUMBER}"
         " ORDER BY video_id, clip_start_s, pair_id"
@@ -420,7 +419,7 @@ def _readme(
     remarks: Sequence[str],
 ) -> str:
     """What was drawn, and how to go on."""
-    most = sorted(counts, key=lambda one: (-one[1], one[0]))
+    most = sorted(counts, key=lambda item: (-item[1], item[0]))
     named = {
         "pairs of a keyword": limits.per_keyword,
         "pairs of a video": limits.per_video,

@@ -79,7 +79,7 @@ class TextRestore:
 
     def plan(self) -> PlanPart:
         """As `RestoreJob.plan`. Raises DamagedData."""
-        files = [path for one in self.content.of("pairs") for path in one.shards("pairs")]
+        files = [path for folder in self.content.of("pairs") for path in folder.shards("pairs")]
         with reading(files):
             rows = sum(parquet.footer(path).num_rows for path in files)
         return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)] * self.wanted)
@@ -182,15 +182,15 @@ def _read(index: Path) -> pa.Table:
         lacking = [
             field.name
             for field in schema
-            if not field.nullable and any(field.name not in one.names for one in schemas)
+            if not field.nullable and any(field.name not in schema.names for schema in schemas)
         ]
         if lacking:
             raise SettingError(
                 f"--from-index: {index} is not an index of pairs: it has no column {lacking[0]!r}"
             )
         read = [
-            parquet.read_table(file, columns=[name for name in schema.names if name in one.names])
-            for file, one in zip(files, schemas, strict=True)
+            parquet.read_table(file, columns=[name for name in schema.names if name in own.names])
+            for file, own in zip(files, schemas, strict=True)
         ]
         rows = pa.concat_tables([schema.empty_table(), *read], promote_options="permissive")
     return conform("pairs/pairs", rows, released=True)
