@@ -107,7 +107,8 @@ def youtube_crawl(
     name="import",
     limit="Stop after N more files (exit code 3); the next run resumes.",
     json="crawled, subtitles, playlists, own_transcripts, unknown_videos, files, known_files,"
-    " left_out_by, left_out_files, other_languages, other_language_files, null_columns",
+    " left_out_by, left_out_files, other_languages, other_language_files,"
+    " word_times_dropped, word_times_dropped_files, null_columns",
     checks=True,
     data="makes",
     examples=[
