@@ -127,9 +127,9 @@ def youtube_import(
         typer.Option(
             "--own-transcripts",
             metavar="DIR",
-            help="Transcripts of your own speech recognition: JSON of Whisper, WhisperX or"
-            " faster-whisper, .srt or .vtt, named by video as ID.json, TITLE [ID].srt or ID/…; may"
-            " be repeated.",
+            help="Transcripts of your own speech recognition: JSON of Whisper and of ten other"
+            " programs, .srt or .vtt, named by video as ID.json, TITLE [ID].srt or ID/…; may be"
+            " repeated.",
         ),
     ] = None,
 ) -> Summary:
