@@ -171,6 +171,8 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     restored         whether `kb restore` brings back its content
     linked           tables in whose texts entities are found
     indexed          tables that passages are made of
+    searched         what a search finds by each of these tables, as a plural noun; by default the
+                     names of `tables`
     textual          tables that documents of `--format text` are made of, first the one with a row
                      for each
     ref              an example of a reference to a place in it; "" when `read` shows nothing of it
@@ -211,6 +213,7 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     restored: bool = False
     linked: tuple[str, ...] = ()
     indexed: tuple[str, ...] = ()
+    searched: dict[str, str] = {}
     textual: tuple[str, ...] = ()
     ref: str = ""
     mark: str = "#"

@@ -45,6 +45,7 @@ _SETTINGS = {
 _RULES = {
     "clean/youtube": 5,
     "clean/reddit": 3,
+    "clean/wiki": 3,
     "pairs": 9,
     "tasks": 2,
     "links": 2,
