@@ -45,8 +45,8 @@ def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
     if labels:
         # What most people answered, of equals the last by the alphabet.
         answers = ", ".join(
-            f"max({{'n': n, 'a': answer}}) FILTER (question = '{one}')['a'] AS {one}"
-            for one in LABELS
+            f"max({{'n': n, 'a': answer}}) FILTER (question = '{question}')['a'] AS {question}"
+            for question in LABELS
         )
         columns.append("l.* EXCLUDE (item_id)")
         joins.append(
@@ -99,7 +99,7 @@ def checked(con: duckdb.DuckDBPyConnection, asked: str, where: str) -> str:
     return asked
 
 
-def _both(one: Path, other: Path) -> list[str]:
+def _both(first: Path, other: Path) -> list[str]:
     """The columns that two files have."""
-    mine, theirs = (parquet.open_file(path).schema_arrow.names for path in (one, other))
+    mine, theirs = (parquet.open_file(path).schema_arrow.names for path in (first, other))
     return [name for name in theirs if name in mine]
