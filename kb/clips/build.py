@@ -45,7 +45,7 @@ from kb.core.errors import UsageError
 from kb.core.installation import require
 from kb.core.suggestions import similar
 from kb.core.summary import Summary
-from kb.pairs.draw import asking, checked
+from kb.pairs.pair_selection import asking, checked
 from kb.store.atomic import write_bytes, write_text
 from kb.store.tables import database
 from kb.store.tables.reading import reading, scan

@@ -55,12 +55,15 @@ class Verdict(NamedTuple):
 
 @dataclass
 class ThreadNode:
-    """A post or comment, at its level in the tree; `why` it was not kept, "" where it was."""
+    """A post or comment, at its level in the tree. `parent`: the full name of what it answers;
+    `why` it was not kept, "" where it was.
+    """
 
     key: str
     label: str
     url: str
     pieces: Pieces
+    parent: str | None = None
     level: int = 0
     why: str = ""
 
@@ -182,9 +185,9 @@ def _verdict_of(name: str, row: Mapping[str, Any]) -> Verdict:
     return Verdict(
         name,
         [
-            (heading(declared, one), cell(declared, one, row[one]).text)
-            for one in shown
-            if row.get(one) is not None
+            (heading(declared, column), cell(declared, column, row[column]).text)
+            for column in shown
+            if row.get(column) is not None
         ],
     )
 
@@ -206,64 +209,77 @@ def _thread(
     tables: CurrentTables, place: SourceLocation, page: DocumentPage, mark: Marker, every_part: bool
 ) -> DocumentPage:
     """A post with all its comments, those that were not kept among them, as a tree."""
-    page.kind, source = "thread", place.source
-    opened = OpenTables([tables.catalog])
-    post_id, at = place.key, place.at
-    if post_id.startswith("t1_"):
-        comment, post_id = post_id, _post_of(tables, opened, source, post_id)
+    page.kind, source, opened = "thread", place.source, OpenTables([tables.catalog])
+    post_id, comment_id = place.key, place.at
+    if place.key.startswith("t1_"):
+        post_id, comment_id = _post_of(tables, opened, source, place.key), place.key[3:]
         if not post_id:
-            verdict = _verdict(tables, source, comment)
+            verdict = _verdict(tables, source, place.key)
             if verdict is None:
-                raise UsageError(f"unknown comment {comment[:40]!r}", hint="Rows lists them")
+                raise UsageError(f"unknown comment {place.key[:40]!r}", hint="Rows lists them")
             return _left_out(place, page, mark, *verdict)
-        at = comment[3:]
-    page.address = url = SOURCES[source].url_of(post_id)
-    verdict = _verdict(tables, source, f"t3_{post_id}")
-    lost = _rejected_comments(tables, source, post_id)
+    page.address, page.title = SOURCES[source].url_of(post_id), f"Post {post_id}"
+    rejected = _rejected_comments(tables, source, post_id)
     nodes: dict[str, ThreadNode] = {}
-    parents: dict[str, str | None] = {}
-    if verdict is not None:
+    if (verdict := _verdict(tables, source, f"t3_{post_id}")) is not None:
         page.verdict, row = verdict
-        page.title = row.get("title") or f"Post {post_id}"
-        top = ThreadNode("", "post", url, mark(row.get("text") or ""), why=page.verdict.line)
+        page.title = row.get("title") or page.title
+        post = ThreadNode(
+            "", "post", page.address, mark(row.get("text") or ""), why=verdict[0].line
+        )
+    elif (thread := _thread_of(opened, post_id, required=not rejected)) is None:
+        post = ThreadNode("", "post", page.address, [], why="unknown: no service returned it")
     else:
-        try:
-            thread = threads.find(opened, post_id)
-        except UsageError:
-            if not lost:
-                raise
-            page.title = f"Post {post_id}"
-            top = ThreadNode("", "post", url, [], why="unknown: no service returned it")
-        else:
-            page.title = thread.title or f"Post {post_id}"
-            page.facts = _facts(source, thread.post)
-            top = ThreadNode("", "post", url, mark(_words(thread.body, thread.missing)))
-            for _, one in thread.walk():
-                score = "" if one.score is None else f", score {one.score:,}"
-                label = f"comment, {one.created_utc:%Y-%m-%d}{score}"
-                text = mark(_words(one.body, one.missing))
-                key = one.comment_id
-                nodes[f"t1_{key}"] = ThreadNode(key, label, f"{url}_/{key}/", text)
-                parents[f"t1_{key}"] = one.parent_id
-    for row in lost:
-        key, words, why = row["key"][3:], row.get("text") or "", _verdict_of("rejected", row).line
-        nodes[row["key"]] = ThreadNode(key, "comment", f"{url}_/{key}/", mark(words), why=why)
-        parents[row["key"]] = row["parent_id"]
+        page.title = thread.title or page.title
+        page.facts = _facts(source, thread.post)
+        post = ThreadNode("", "post", page.address, mark(_words(thread.body, thread.missing)))
+        for _, comment in thread.walk():
+            node = _kept_comment(page.address, comment, mark)
+            nodes[f"t1_{comment.comment_id}"] = node
+    for row in rejected:
+        why, text = _verdict_of("rejected", row).line, mark(row.get("text") or "")
+        key = row["key"][3:]
+        address = f"{page.address}_/{key}/"
+        nodes[row["key"]] = ThreadNode(key, "comment", address, text, row["parent_id"], why=why)
+    parents = {name: node.parent for name, node in nodes.items()}
     order = threads.reading_order(parents, f"t3_{post_id}")
     page.nodes = [
-        top,
-        *(replace(nodes[one], level=min(level + 1, _DEEPEST)) for level, one in order),
+        post,
+        *(replace(nodes[name], level=min(level + 1, _DEEPEST)) for level, name in order),
     ]
     keys = [node.key for node in page.nodes]
-    if at not in keys:
+    if comment_id not in keys:
         raise UsageError(
-            f"post {post_id} has no comment {at[:40]!r}", hint=f"open {source}:{post_id}"
+            f"post {post_id} has no comment {comment_id[:40]!r}", hint=f"open {source}:{post_id}"
         )
-    page.here = keys.index(at)
+    page.here = keys.index(comment_id)
     nearest = outward(page.here, len(keys))
     page.shown = sorted({0, *(nearest if every_part else nearest[:_MOST_NODES])})
     page.all = "" if len(page.shown) == len(keys) else page.all
     return page
+
+
+def _thread_of(opened: OpenTables, post_id: str, *, required: bool) -> threads.Thread | None:
+    """A post that no filter rejected, with its kept comments; None where no service returned it.
+    Raises UsageError for that where it is `required`.
+    """
+    try:
+        return threads.find(opened, post_id)
+    except UsageError:
+        if required:
+            raise
+        return None
+
+
+def _kept_comment(post_url: str, comment: threads.ThreadComment, mark: Marker) -> ThreadNode:
+    score = "" if comment.score is None else f", score {comment.score:,}"
+    return ThreadNode(
+        comment.comment_id,
+        f"comment, {comment.created_utc:%Y-%m-%d}{score}",
+        f"{post_url}_/{comment.comment_id}/",
+        mark(_words(comment.body, comment.missing)),
+        comment.parent_id,
+    )
 
 
 def _post_of(tables: CurrentTables, opened: OpenTables, source: str, fullname: str) -> str:

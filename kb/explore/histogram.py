@@ -117,9 +117,9 @@ def edges_of(con: duckdb.DuckDBPyConnection, current: float, at_least: bool) -> 
     low, high, scale = min(low, current), max(high, current), scale or 1
     start, end = math.asinh(low / scale), math.asinh(high / scale)
     steps = (start + (end - start) * part / _BARS for part in range(_BARS + 1))
-    inner = {_rounded(scale * math.sinh(one), is_whole) for one in steps}
+    inner = {_rounded(scale * math.sinh(step), is_whole) for step in steps}
     beyond = {_beyond(high, is_whole)} if at_least else {_beyond(low, is_whole, -1)}
-    return sorted({one for one in inner if low < one < high} | {low, high, current} | beyond)
+    return sorted({value for value in inner if low < value < high} | {low, high, current} | beyond)
 
 
 def _rounded(value: float, is_whole: bool) -> float:

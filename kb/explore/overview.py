@@ -23,7 +23,7 @@ def read(tables: CurrentTables, about: Mapping[str, Any]) -> dict[str, Any]:
 def _totals(tables: CurrentTables) -> list[tuple[str, str]]:
     """(number, noun) of what the tables hold: the totals that the report shows."""
     totals = []
-    for noun, name, sql in itertools.chain(*(one.totals for one in PUBLISHED.values())):
+    for noun, name, sql in itertools.chain(*(source.totals for source in PUBLISHED.values())):
         if (view := view_name(table(name))) in tables:
             row = tables.rows(view, f"SELECT ({sql})::DOUBLE FROM {{table}}")
             if total := row.column(0)[0].as_py():
@@ -46,9 +46,11 @@ def _funnel(tables: CurrentTables, source: str) -> dict[str, Any] | None:
         counted = tables.rows(f"{source}_rejected", by_stage)
         rejected = dict(zip(*(column.to_pylist() for column in counted.columns), strict=True))
     order = [*PUBLISHED[source].stages]
-    stages = [*(one for one in order if one in rejected), *sorted(set(rejected) - set(order))]
+    stages = [*(stage for stage in order if stage in rejected), *sorted(set(rejected) - set(order))]
     dropped = {stage: rejected[stage] for stage in stages}
-    dropped |= {one: verdicts[one] for one in ("failed", "pending") if verdicts[one]}
+    dropped |= {
+        verdict: verdicts[verdict] for verdict in ("failed", "pending") if verdicts[verdict]
+    }
     steps = [
         {"name": name, "left": left, "rejected": n, "share": left / crawled}
         for name, left, n in remaining(crawled, dropped.items())

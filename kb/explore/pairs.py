@@ -84,7 +84,7 @@ def read(tables: CurrentTables, language: str, query: Mapping[str, str]) -> Pair
             f"SELECT keyword, count(*) AS n FROM {full} GROUP BY 1 ORDER BY n DESC, 1"
         ).fetchall()
         kinds = con.execute(f"SELECT DISTINCT keyword_kind::VARCHAR FROM {full} ORDER BY 1")
-        given = [one for (one,) in kinds.fetchall()]
+        given = [kind for (kind,) in kinds.fetchall()]
         where = "(? = '' OR lower(keyword) = lower(?)) AND (? = '' OR keyword_kind = ?)"
         values = [keyword, keyword, kind, kind]
         total = con.execute(f"SELECT count(*) FROM {full} WHERE {where}", values).fetchall()[0][0]
@@ -138,7 +138,7 @@ def cards(
                 f"{SOURCES[VIDEOS].url_of(pair['video_id'])}&t={second}s",
                 f"/document?{urlencode(place)}#here",
                 list(_marks(pair, quality.get(key, [{}])[0], language)),
-                [score for one in scores.get(key, ()) for score in _scores(one)],
+                [score for given_scores in scores.get(key, ()) for score in _scores(given_scores)],
                 _answers(labels.get(key, ())),
             )
         )
@@ -211,8 +211,8 @@ def _scores(row: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
 def _answers(labels: Iterable[Mapping[str, Any]]) -> list[str]:
     """What people judged: "visible: yes 2, no 1"."""
     by_question: dict[str, Counter[str]] = {}
-    for one in labels:
-        by_question.setdefault(one["question"], Counter())[str(one["answer"])] += 1
+    for label in labels:
+        by_question.setdefault(label["question"], Counter())[str(label["answer"])] += 1
     return [
         f"{question.replace('_', ' ')}: {', '.join(f'{a} {n}' for a, n in counts.most_common())}"
         for question, counts in sorted(by_question.items())

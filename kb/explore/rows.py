@@ -98,7 +98,7 @@ class RowsPage:
         """What people read for a stage and a reason: "number of views: below the limit"."""
         given = {"stage": stage, "reason": reason}
         named = {name: value for name, value in given.items() if value}
-        return ": ".join(reading(self.asked.declared, name, one) for name, one in named.items())
+        return ": ".join(reading(self.asked.declared, name, value) for name, value in named.items())
 
     @property
     def reached(self) -> int:
@@ -147,7 +147,7 @@ def read(tables: CurrentTables, asked: RowsQuery) -> RowsPage:
             for table in SOURCES[asked.source].tables
         )
     ]
-    shown = [one for one in SOURCES[asked.source].tables if f"{asked.source}_{one}" in tables]
+    shown = [name for name in SOURCES[asked.source].tables if f"{asked.source}_{name}" in tables]
     if asked.name not in tables:
         return RowsPage(asked, [], "", [], 0, shown, verdicts, [])
     with tables.asked(asked.name) as con:

@@ -95,9 +95,9 @@ class ThresholdPage:
             return []
         stage = self.figures.stage
         return [
-            one.name
-            for one in self.stages
-            if one.threshold.setting == stage.threshold.setting and one.name != stage.name
+            other.name
+            for other in self.stages
+            if other.threshold.setting == stage.threshold.setting and other.name != stage.name
         ]
 
 
@@ -114,10 +114,10 @@ def read(tables: CurrentTables, profile: Profile, query: Mapping[str, str]) -> T
 
 def _chosen(stages: list[StageOfTable], query: Mapping[str, str]) -> StageOfTable:
     asked = [(name, query[name]) for name in ("source", "table", "stage") if query.get(name)]
-    for one in stages:
-        known = {"source": one.source, "table": one.table, "stage": one.threshold.stage}
+    for stage in stages:
+        known = {"source": stage.source, "table": stage.table, "stage": stage.threshold.stage}
         if all(known[name] == value for name, value in asked):
-            return one
+            return stage
     given = " ".join(value for _, value in asked)
     raise UsageError(f"there is no threshold of {given!r}")
 
@@ -239,7 +239,7 @@ def stages_of(tables: CurrentTables, profile: Profile) -> Iterator[StageOfTable]
             clean = recipe_of(profile, source).defined("clean")(profile)
         except SettingError:
             continue
-        following = tuple(one.table.partition("/")[2] for one in clean.chains if one.relate)
+        following = tuple(chain.table.partition("/")[2] for chain in clean.chains if chain.relate)
         for chain in clean.chains:
             table = chain.table.partition("/")[2]
             if f"{source}_{table}" not in tables:
@@ -310,7 +310,7 @@ class ThresholdRows:
         """Key and text (the title, else the body) of kept rows by place."""
         ordered = sorted(places)
         key = table(self.stage.chain.table).key[0]
-        text = next((one for one in ("title", "body") if one in self.kept.schema.names), key)
+        text = next((name for name in ("title", "body") if name in self.kept.schema.names), key)
         with reading(self.kept.files):
             taken = self.kept.scanner(columns=[key, text]).take(pa.array(ordered, pa.int64()))
         rows = zip(ordered, taken[key].to_pylist(), taken[text].to_pylist(), strict=True)

@@ -219,7 +219,7 @@ def _decode(
                 unknown.update(done["unknown"])
                 if done["damaged"] is not None:
                     damaged.append((path, done["damaged"]))
-                task.advance(1, rows=sum(each.total() for each in rows.values()))
+                task.advance(1, rows=sum(counts.total() for counts in rows.values()))
         if damaged:
             first, at = damaged[0]
             more = f" (and {len(damaged) - 1:,} more files)" if len(damaged) > 1 else ""
@@ -304,7 +304,7 @@ def _end_pending(folder: Path, reasons: tuple[str, ...], lost: dict[str, str]) -
 
 def _check_rows(spec: Clean, decoded: _Decoded, counts: Counter[str]) -> None:
     """Raise CountMismatch unless the buckets read what was decoded, and judged what they joined."""
-    rows = sum(each.total() for kind, each in decoded.rows.items() if decoded.bucketed(kind))
+    rows = sum(counts.total() for kind, counts in decoded.rows.items() if decoded.bucketed(kind))
     if rows != counts["read"] or counts["joined"] != counts["crawled"]:
         raise CountMismatch(
             f"{spec.source}: {rows:,} rows were decoded and {counts['read']:,} read again;"
@@ -320,7 +320,7 @@ def _summary(
     tables = {table(chain.table).short: chain.prefix for chain in spec.chains}
     tallies = row_counts.tally(folder, tables)
     names = ("crawled", "kept", "rejected", "failed", "pending")
-    total = Tally(*(sum(each[name] for each in tallies.values()) for name in names))
+    total = Tally(*(sum(tally[name] for tally in tallies.values()) for name in names))
     if total.check(spec.source) != Tally(*(counts[name] for name in names)):
         raise CountMismatch(
             f"{spec.source}: the files contain {asdict(total)},"
@@ -332,7 +332,7 @@ def _summary(
         source=spec.source,
         counted=" and ".join(tables),
         **asdict(total),
-        missing=sum(each["missing"] for each in tallies.values()),
+        missing=sum(tally["missing"] for tally in tallies.values()),
         tally=tallies,
     )
     summary["duplicates"] = counts["duplicates"]

@@ -91,7 +91,7 @@ def collect_texts(job: FilterJob, number: int, decoded: Mapping[str, int]) -> st
         with partition.without_collecting():
             rows, _ = join(job, spec, number, decoded, follows=False)
         kept: dict[str, pa.Table] = {}
-        for chain in (each for each in spec.chains if each.table in rows):
+        for chain in (chain for chain in spec.chains if chain.table in rows):
             until = SCORED if chain.scores else ""
             judged = judge_chain(rows[chain.table], chain, lambda rows: rows, kept, until=until)
             kept[chain.table] = judged.kept
@@ -108,7 +108,7 @@ def filter_bucket(job: FilterJob, number: int, decoded: Mapping[str, int]) -> di
         rows, counts = join(job, spec, number, decoded, follows=True)
     judged: list[tuple[Chain, Judged]] = []
     kept: dict[str, pa.Table] = {}
-    for chain in (each for each in spec.chains if each.table in rows):
+    for chain in (chain for chain in spec.chains if chain.table in rows):
         score = partial(add_scores, job, spec, chain)
         counts["joined"] += rows[chain.table].num_rows
         judged.append((chain, judge_chain(rows[chain.table], chain, score, kept)))
@@ -120,7 +120,7 @@ def filter_bucket(job: FilterJob, number: int, decoded: Mapping[str, int]) -> di
             kept[follow.table] = where(own, pc.is_in(own.column(follow.on), of_kept))
     if spec.complete is not None:
         kept = spec.complete(kept)
-    for follow in (each for each in spec.follow if each.table in kept):
+    for follow in (follow for follow in spec.follow if follow.table in kept):
         counts[f"kept {follow.table}"] += kept[follow.table].num_rows
         write(job, follow.table, number, kept[follow.table])
     for chain, result in judged:
@@ -235,9 +235,9 @@ def _without_people(rows: pa.Table, chain: Chain, people: frozenset[str]) -> pa.
         return rows
     column = rows.column(chain.purged.person).cast(pa.string())
     theirs = [
-        one
-        for one in pc.unique(column).drop_null().to_pylist()
-        if chain.purged.stands_for(one) in people
+        person
+        for person in pc.unique(column).drop_null().to_pylist()
+        if chain.purged.stands_for(person) in people
     ]
     return rows.filter(pc.invert(pc.is_in(column, value_set=pa.array(theirs, pa.string()))))
 

@@ -24,7 +24,7 @@ from kb.core.templates import environment
 from kb.labels import questions
 from kb.labels.questions import Labeling, LabelQuestion
 from kb.pairs import transcripts
-from kb.pairs.draw import with_ids
+from kb.pairs.pair_selection import with_ids
 from kb.pairs.transcript_batch import Text
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout

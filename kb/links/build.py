@@ -116,7 +116,7 @@ def make_part(folder: str, name: str, path: str, table: str, of: TextSource) -> 
         with_ids(mentions(source, part, keywords), ids) for part in parts(of, Path(path), short)
     ]
     write_part(folder, name, tables, "links/links", {})
-    return {"links": sum(one.num_rows for one in tables)}
+    return {"links": sum(rows.num_rows for rows in tables)}
 
 
 def _ids(path: Path, source: str, short: str) -> pa.Table:
@@ -160,7 +160,7 @@ def _titles(files: list[Path]) -> Iterator[tuple[int, str]]:
 def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
     """Own pages are linked as such, in the place of what their titles mention of the entity."""
     pages = [keywords.every[number].name for number in own]
-    ids = [str(one.page_id) for one in own.values()]
+    ids = [str(page.page_id) for page in own.values()]
     mine = pa.array([f"{page}\x1f{entity}" for page, entity in zip(ids, pages, strict=True)])
     for path in parquet_files(work, f"{_stem(_PAGES)}.*.parquet"):
         mentioned = parquet.read_table(path)
@@ -173,13 +173,13 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
     own_rows = rows(
         _PAGES.partition("/")[0],
         "title",
-        pa.array([one.how for one in own.values()], pa.string()),
+        pa.array([page.how for page in own.values()], pa.string()),
         pa.array(pages, pa.string()),
         pa.array(ids, pa.string()),
-        pa.array([one.names for one in own.values()], pa.int64()),
+        pa.array([page.names for page in own.values()], pa.int64()),
         pa.nulls(len(own), pa.float64()),
     )
-    pages_of = pa.table({"key": ids, "page_id": [one.page_id for one in own.values()]})
+    pages_of = pa.table({"key": ids, "page_id": [page.page_id for page in own.values()]})
     write_table(work / "own-pages.parquet", with_ids(own_rows, pages_of), "links/links")
 
 
@@ -189,7 +189,7 @@ def _finish(parted: PartedBuild, keywords: Keywords, own: Mapping[int, Own]) -> 
     entities = pa.table(
         {
             "entity": keywords.names,
-            "kind": pa.array([one.kind for one in keywords.every], pa.string()),
+            "kind": pa.array([keyword.kind for keyword in keywords.every], pa.string()),
             "aliases": pa.array(aliases(keywords), pa.list_(pa.string())),
             "wiki_page_id": pa.array(
                 [
@@ -204,7 +204,7 @@ def _finish(parted: PartedBuild, keywords: Keywords, own: Mapping[int, Own]) -> 
     made = sorted_shards(parted.rows, fresh.folder, "links/links", released=False)
     with database.asking() as con:
         counted = con.execute(
-            f"SELECT source, count(*), sum(count)::BIGINT FROM {scan(one.path for one in made)}"
+            f"SELECT source, count(*), sum(count)::BIGINT FROM {scan(part.path for part in made)}"
             " GROUP BY 1 ORDER BY 1"
         ).fetchall()
     fresh.figures = {
@@ -276,8 +276,12 @@ def own_pages(
         for number, claim in claims.items():
             best[number] = min(best.get(number, claim), claim)
     return {
-        number: Own(one.page_id, ALIAS if one.form or one.way == 1 else TITLE, one.names)
-        for number, one in sorted(best.items())
+        number: Own(
+            best_page.page_id,
+            ALIAS if best_page.form or best_page.way == 1 else TITLE,
+            best_page.names,
+        )
+        for number, best_page in sorted(best.items())
     }
 
 

@@ -164,18 +164,18 @@ def grow(
     tokens = total[b] - total[a] + ENDS
     grown = Grown(words[a], words[b], tokens, words[a], words[b - 1])
     hard = (tokens > high) | ((tokens < low) & ((a > begin) | (b < stop)))
-    for one in np.flatnonzero(hard).tolist():
+    for pair in np.flatnonzero(hard).tolist():
         begins = (
-            (int(start[one]), int(end[one]))
-            if tokens[one] > high
-            else (int(grown.start[one]), int(grown.end[one]))
+            (int(start[pair]), int(end[pair]))
+            if tokens[pair] > high
+            else (int(grown.start[pair]), int(grown.end[pair]))
         )
-        bounds = (int(text.video_at[video[one]]), int(text.video_end[video[one]]))
-        grown.start[one], grown.end[one], grown.tokens[one] = _cut(
-            text, counter, begins, bounds, goal=max(low, int(goal[one]) + ENDS), high=high
+        bounds = (int(text.video_at[video[pair]]), int(text.video_end[video[pair]]))
+        grown.start[pair], grown.end[pair], grown.tokens[pair] = _cut(
+            text, counter, begins, bounds, goal=max(low, int(goal[pair]) + ENDS), high=high
         )
-        grown.first[one] = text.words[np.searchsorted(text.words, grown.start[one], "right") - 1]
-        grown.last[one] = text.words[np.searchsorted(text.words, grown.end[one]) - 1]
+        grown.first[pair] = text.words[np.searchsorted(text.words, grown.start[pair], "right") - 1]
+        grown.last[pair] = text.words[np.searchsorted(text.words, grown.end[pair]) - 1]
     return grown
 
 

@@ -12,7 +12,6 @@ the same, on one side.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,13 +23,14 @@ import pyarrow.parquet as pq
 
 from kb.artifacts import freshness, table_catalog
 from kb.core.context import Run
-from kb.core.errors import DamagedData, FatalError, UsageError
+from kb.core.errors import UsageError
 from kb.core.installation import np
 from kb.core.summary import Summary
 from kb.pairs import seeded_random
+from kb.pairs.pair_selection import LABELS, SCORES, asking, checked
 from kb.pairs.seeded_random import mixed
 from kb.store.atomic import replacing_folder
-from kb.store.tables import database, parquet
+from kb.store.tables import database
 from kb.store.tables.reading import reading, scan
 
 if TYPE_CHECKING:
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 PAIRS, VIDEOS, README = "pairs.parquet", "videos.txt", "README.md"
 SPLIT = {"test": 0.05, "validation": 0.05, "train": 0.9}
-_SCORES = ("model", "similarity", "margin", "best_offset_s", "static_share", "frames")
-_LABELS = ("visible", "described", "on_time")  # questions about pairs
 _TOLERATED = 0.02  # that a side's share of the pairs may differ without a word
 _MEMORY = "250MB"  # of DuckDB, which spills what is more
 _NUMBER = "('0x' || pair_id)::UBIGINT"
@@ -141,16 +139,16 @@ def sides_of(weights: np.ndarray, groups: np.ndarray, drawn: np.ndarray) -> np.n
     side = np.full(len(drawn), last)
     order = [group for group in np.argsort(drawn, kind="stable").tolist() if size[group]]
     for group in order:
-        fits = (one for one in range(last) if size[group] <= room[one])
+        fits = (place for place in range(last) if size[group] <= room[place])
         side[group] = chosen = next(fits, last)
         room[chosen] -= int(size[group])
-    for one in range(last):  # what is left to fill, by the group that leaves least
+    for small in range(last):  # what is left to fill, by the group that leaves least
         while len(free := [group for group in order if side[group] == last]) > 1:
-            best = min(free, key=lambda group: abs(room[one] - size[group]))
-            if abs(room[one] - size[best]) >= room[one] and (side[order] == one).any():
+            best = min(free, key=lambda group: abs(room[small] - size[group]))
+            if abs(room[small] - size[best]) >= room[small] and (side[order] == small).any():
                 break
-            side[best] = one
-            room[one] -= int(size[best])
+            side[best] = small
+            room[small] -= int(size[best])
     return side[groups]
 
 
@@ -211,92 +209,6 @@ def draw(
     return Summary(summary, path=str(place))
 
 
-def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
-    """SQL of all pairs, or of those in the file `given`, with every column that a condition may
-    name: of pairs and quality, and where there are some of scores and labels.
-
-    Raises UsageError where the condition names scores or labels that are not there, FatalError
-    without pairs.
-    """
-    files = catalog.files("pairs/pairs")
-    if not files:
-        raise FatalError("there are no pairs", hint="run `kb pairs` first, or --data a release")
-    parquet.check(*files)
-    columns, joins = ["p.*"], [f"{scan(files)} AS p"]
-    if "text" not in parquet.open_file(files[0]).schema_arrow.names:
-        columns.append("NULL::VARCHAR AS text")
-    if quality := catalog.files("pairs/quality"):
-        columns.append(f"q.* EXCLUDE ({', '.join(_both(files[0], quality[0]))})")
-        joins.append(f"LEFT JOIN {scan(quality)} AS q ON q.pair_id = p.pair_id")
-    words = {word.lower() for word in re.findall(r"\w+", re.sub(r"'[^']*'", "", where))}
-    scores = [] if words.isdisjoint(_SCORES) else catalog.files("pairs/scores")
-    if scores:
-        columns.append(f"s.* EXCLUDE ({', '.join(_both(files[0], scores[0]))})")
-        joins.append(f"LEFT JOIN {scan(scores)} AS s ON s.pair_id = p.pair_id")
-    labels = catalog.files("labels/labels")
-    if labels:
-        # What most people answered, of equals the last by the alphabet.
-        answers = ", ".join(
-            f"max({{'n': n, 'a': answer}}) FILTER (question = '{one}')['a'] AS {one}"
-            for one in _LABELS
-        )
-        columns.append("l.* EXCLUDE (item_id)")
-        joins.append(
-            f"LEFT JOIN (SELECT item_id, {answers} FROM (SELECT item_id, question, answer,"
-            f" count(*) AS n FROM {scan(labels)} WHERE kind = 'pair' GROUP BY ALL)"
-            " GROUP BY item_id) AS l ON l.item_id = p.pair_id"
-        )
-    for names, there, made_by in (
-        (_SCORES, scores, "kb pairs score --videos DIR"),
-        (_LABELS, labels, "kb label import FILE"),
-    ):
-        for name in names:
-            if not there and name in words:
-                what = f"--where names {name}, which this data root does not have"
-                raise UsageError(what, hint=f"run `{made_by}` first")
-    asked = f"SELECT {', '.join(columns)} FROM {' '.join(joins)}"
-    if given is not None:
-        with_split = "split" in parquet.open_file(with_ids(given)).schema_arrow.names
-        asked = (
-            f"SELECT a.*{', g.split' if with_split else ''} FROM ({asked}) AS a"
-            f" JOIN {scan([given])} AS g ON g.pair_id = a.pair_id"
-        )
-    return f"SELECT * FROM ({asked}) WHERE ({where or 'true'})"
-
-
-def with_ids(given: Path) -> Path:
-    """The file, if it has the ids of pairs. Raises UsageError."""
-    try:
-        if "pair_id" in parquet.names(given):
-            return given
-    except DamagedData:
-        pass
-    raise UsageError(
-        f"--pairs {given} is not a Parquet file with a column pair_id",
-        hint="give pairs.parquet of `kb pairs draw`",
-    )
-
-
-def checked(con: duckdb.DuckDBPyConnection, asked: str, where: str) -> str:
-    """The SQL of `asking`. Raises UsageError for a condition that DuckDB does not understand."""
-    try:
-        if len(con.extract_statements(asked)) != 1:
-            raise duckdb.ParserException("it is more than a condition")
-        con.sql(asked)
-    except duckdb.Error as error:
-        raise UsageError(
-            f"--where {where!r} is not a valid condition: {database.one_line(error)}",
-            hint="write a condition on the columns of pairs and quality, such as language = 'en'",
-        ) from None
-    return asked
-
-
-def _both(one: Path, other: Path) -> list[str]:
-    """The columns that two files have."""
-    mine, theirs = (parquet.open_file(path).schema_arrow.names for path in (one, other))
-    return [name for name in theirs if name in mine]
-
-
 def _pool(con: duckdb.DuckDBPyConnection, asked: str) -> Pool:
     """The pairs that are asked for, by id."""
     id_: list[np.ndarray] = [np.zeros(0, np.uint64)]
@@ -325,7 +237,7 @@ def _pool(con: duckdb.DuckDBPyConnection, asked: str) -> Pool:
     for name, numbers in known.items():
         listed = sorted(numbers)
         place = np.zeros(len(listed), np.int32)
-        place[[numbers[one] for one in listed]] = np.arange(len(listed))
+        place[[numbers[name] for name in listed]] = np.arange(len(listed))
         read = np.concatenate([np.zeros(0, np.int32), *codes.pop(name)])
         columns.append(place[read[order]] if len(read) else read)
         names.append(listed)
@@ -360,9 +272,9 @@ def _sides(
             " WHERE duplicate_video_id IS NOT NULL"
         ).fetchall()
     for pair in links:
-        one, other = (number.setdefault(name, len(number)) for name in pair)
+        first_video, other_video = (number.setdefault(name, len(number)) for name in pair)
         first += range(len(first), len(number))
-        low, high = sorted((head(one), head(other)))
+        low, high = sorted((head(first_video), head(other_video)))
         first[high] = low
     weights = np.bincount(drawn.video, minlength=len(first))
     heads = np.array([head(video) for video in range(len(first))], np.int64)
@@ -397,11 +309,10 @@ def _write_pairs(
     con: duckdb.DuckDBPyConnection, asked: str, drawn: Pool, sides: np.ndarray, path: Path
 ) -> None:
     """The drawn pairs by video and time."""
-    names = pa.array(list(SPLIT))
-    split = names.take(pa.array(sides[drawn.video]))
+    split = pa.array(list(SPLIT)).take(pa.array(sides[drawn.video]))
     con.register("drawn", pa.table({"id": pa.array(drawn.id), "split": split}))
     columns = [str(row[0]) for row in con.sql(f"DESCRIBE {asked}").fetchall()]
-    kept = [one for one in columns if one not in (*_SCORES, *_LABELS)]
+    kept = [name for name in columns if name not in (*SCORES, *LABELS)]
     rows = con.sql(
         f"SELECT {', '.join(kept)}, split FROM ({asked}) JOIN drawn ON drawn.id = {_NUMBER}"
         " ORDER BY video_id, clip_start_s, pair_id"
@@ -420,7 +331,7 @@ def _readme(
     remarks: Sequence[str],
 ) -> str:
     """What was drawn, and how to go on."""
-    most = sorted(counts, key=lambda one: (-one[1], one[0]))
+    most = sorted(counts, key=lambda item: (-item[1], item[0]))
     named = {
         "pairs of a keyword": limits.per_keyword,
         "pairs of a video": limits.per_video,

@@ -50,22 +50,22 @@ def keyword_lines(
                 left = left - len(text) if left is not None else None
             if left == 0:
                 break
-    hits = {one.name: counts.of(number) for number, one in enumerate(tools.keywords.every)}
-    for number, one in sorted(
+    hits = {keyword.name: counts.of(number) for number, keyword in enumerate(tools.keywords.every)}
+    for number, keyword in sorted(
         enumerate(tools.keywords.every),
         key=lambda item: (-hits[item[1].name].get("matches", 0), item[1].name),
     ):
-        matched = hits[one.name].get("matches", 0)
-        if (matched or rare) and kind in ("", one.kind):
-            rule = one.rule if one.rule in ("topic", "never") else ""
-            if one.reach is not None and not rule:
-                rule = f"near:{one.reach}"
+        matched = hits[keyword.name].get("matches", 0)
+        if (matched or rare) and kind in ("", keyword.kind):
+            rule = keyword.rule if keyword.rule in ("topic", "never") else ""
+            if keyword.reach is not None and not rule:
+                rule = f"near:{keyword.reach}"
             yield KeywordLine(
-                one.name,
-                one.kind,
+                keyword.name,
+                keyword.kind,
                 rule,
                 matched,
-                hits[one.name].get("ambiguous_alone", 0),
+                hits[keyword.name].get("ambiguous_alone", 0),
                 shown.of(number),
             )
 
@@ -89,12 +89,12 @@ class _Examples:
         order = np.lexsort((rank, hits.keyword))
         sorted_ = hits.keyword[order]
         nth = np.arange(len(order)) - np.searchsorted(sorted_, sorted_)
-        for one in order[nth < self._number].tolist():
-            best = self._best.setdefault(int(hits.keyword[one]), [])
+        for hit in order[nth < self._number].tolist():
+            best = self._best.setdefault(int(hits.keyword[hit]), [])
             best.append(
                 (
-                    int(rank[one]),
-                    _context(text, int(hits.start[one]), int(hits.end[one]), int(hits.video[one])),
+                    int(rank[hit]),
+                    _context(text, int(hits.start[hit]), int(hits.end[hit]), int(hits.video[hit])),
                 )
             )
             best[:] = heapq.nsmallest(self._number, best)

@@ -285,7 +285,9 @@ def _excluded(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
     for place in every if section and section.exclude else ():
         named.setdefault(phrase(place.keyword.name), []).append(place)
     for text in section.exclude if section else ():
-        excluded = {form for each in alternatives(text) for form in forms(phrase(each))}
+        excluded = {
+            form for alternative in alternatives(text) for form in forms(phrase(alternative))
+        }
         for form in sorted(excluded & named.keys()):
             for place in named[form]:
                 what = f"{place.keyword.name!r} is ruled out by pairs.exclude"
@@ -439,6 +441,6 @@ def apart(word: str, known: Collection[str]) -> set[str]:
 def forms(phrase: str, known: Collection[str] = ()) -> set[str]:
     """All forms of a folded phrase, itself included."""
     variants = numbers(phrase)
-    for one in tuple(variants):
-        variants |= joined(one) | apart(one, known)
+    for variant in tuple(variants):
+        variants |= joined(variant) | apart(variant, known)
     return variants

@@ -82,7 +82,7 @@ def _kinds(pages: Sequence[PageNames]) -> dict[str, str]:
     for page in pages:
         fit = [category for category in page.categories if sizes[category] <= most]
         if fit or page.categories:
-            best = min(fit or page.categories, key=lambda one: (-sizes[one], one))
+            best = min(fit or page.categories, key=lambda category: (-sizes[category], category))
             chosen[page.title] = " ".join(best.split()).lower()
     return chosen
 

@@ -97,7 +97,10 @@ class Keywords:
 def plain(keywords: Keywords) -> dict[str, Any]:
     """Keywords as JSON has them, for plans that workers read."""
     return {
-        "every": [[one.name, one.kind, one.reach, one.rule == "topic"] for one in keywords.every],
+        "every": [
+            [keyword.name, keyword.kind, keyword.reach, keyword.rule == "topic"]
+            for keyword in keywords.every
+        ],
         "phrases": keywords.phrases,
         "of": keywords.of,
     }
@@ -116,9 +119,9 @@ def load(profile: Profile) -> Keywords:
     """The keywords of [pairs]. Raises ProfileError naming the file and line."""
     section = profile.section(Pairs)
     listed = [
-        one
+        keyword
         for name in section.keyword_files
-        for one in read(profile.resolve_file(name), section.near_words)
+        for keyword in read(profile.resolve_file(name), section.near_words)
     ]
     listed += [Keyword(" ".join(text.split()), "phrase") for text in section.include]
     return make(listed, section.exclude, f"profile {profile.path}")
@@ -140,7 +143,7 @@ def make(
                 f" {'no word' if not folded else 'too many letters'}"
             )
         every.setdefault(folded, keyword)
-    excluded = (phrase(each) for text in exclude for each in alternatives(text))
+    excluded = (phrase(alternative) for text in exclude for alternative in alternatives(text))
     banned = {form for text in excluded for form in forms(text) if form}
     names = [name for name in every if name not in banned]
     owner: dict[str, int] = {name: index for index, name in enumerate(names)}

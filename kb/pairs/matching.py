@@ -96,10 +96,10 @@ def _fold_wide(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for length in (2, 3, 4):
         places = leads[size == length][:, None] + np.arange(length)
         characters, which = np.unique(codes[places], axis=0, return_inverse=True)
-        texts = [one.tobytes().decode("utf-8", "replace")[:1] for one in characters]
+        texts = [character.tobytes().decode("utf-8", "replace")[:1] for character in characters]
         folded = b"".join(map(character, texts))
         codes[places] = np.frombuffer(folded, np.uint8).reshape(-1, length)[which]
-        signs = np.array([scripts.is_word(one) for one in texts], bool)
+        signs = np.array([scripts.is_word(text) for text in texts], bool)
         begins.append(places[signs[which], 0])
         ends.append(places[signs[which], 0] + length)
     return np.sort(np.concatenate(begins)), np.sort(np.concatenate(ends))
@@ -146,7 +146,8 @@ class Matcher:
 @lru_cache(maxsize=2)  # one command matches with the same phrases again
 def _automaton(phrases: tuple[str, ...]) -> BytesAhoCorasick:
     return BytesAhoCorasick(
-        [*(f" {one} ".encode() for one in phrases), *_NEVER], implementation=Implementation.DFA
+        [*(f" {phrase} ".encode() for phrase in phrases), *_NEVER],
+        implementation=Implementation.DFA,
     )
 
 

@@ -49,7 +49,7 @@ def sampled(root: Path, both: Collection[str], n: int, seed: int) -> VideoSample
         rows = parquet.read_table(path, columns=["video_id", "kind"])
         kept = rows["video_id"].filter(pc.equal(rows["kind"].cast(pa.string()), "manual"))
         named = cast("list[str]", kept.cast(pa.string()).to_pylist())
-        ids += [one for one in named if one in both]
+        ids += [name for name in named if name in both]
     drawn = np.argsort(seeded_random.video_keys(seed, ids), kind="stable")[:n]
     return VideoSample([ids[place] for place in drawn.tolist()], len(ids))
 
@@ -68,7 +68,7 @@ class Compared(NamedTuple):
 
 def compare(automatic: Text, manual: Text, keywords: Keywords) -> Compared:
     """The keywords of the two tracks of the same videos, in the same order."""
-    heard, written = (matches(one, keywords, PairCounts()) for one in (automatic, manual))
+    heard, written = (matches(track, keywords, PairCounts()) for track in (automatic, manual))
     heard_s = automatic.time_of(heard.start) / 1000
     written_s = manual.time_of(written.start) / 1000
     pairs = [_aligned(heard, written, video) for video in range(len(automatic))]
@@ -87,7 +87,7 @@ def compare(automatic: Text, manual: Text, keywords: Keywords) -> Compared:
 def _aligned(heard: Matches, written: Matches, video: int) -> np.ndarray:
     """Places of the matches that both tracks of a video have: 2 × n."""
     (a, a_end), (b, b_end) = (
-        np.searchsorted(one.video, [video, video + 1]) for one in (heard, written)
+        np.searchsorted(found.video, [video, video + 1]) for found in (heard, written)
     )
     runs = SequenceMatcher(
         None, heard.keyword[a:a_end].tolist(), written.keyword[b:b_end].tolist(), autojunk=False
@@ -113,13 +113,17 @@ class Totals:
     def section(self, sample: VideoSample, seed: int) -> dict[str, Any]:
         """Figures and their sample sizes."""
         automatic, manual, both = (
-            np.concatenate([np.empty(0, np.int64), *(getattr(one, name) for one in self._compared)])
+            np.concatenate(
+                [np.empty(0, np.int64), *(getattr(compared, name) for compared in self._compared)]
+            )
             for name in ("automatic", "manual", "both")
         )
-        later = np.concatenate([np.empty(0), *(one.later_s for one in self._compared)])
+        later = np.concatenate([np.empty(0), *(compared.later_s for compared in self._compared)])
 
         def shares(wanted: Any) -> dict[str, Any]:
-            n, written, shared = (int(wanted(one).sum()) for one in (automatic, manual, both))
+            n, written, shared = (
+                int(wanted(keywords).sum()) for keywords in (automatic, manual, both)
+            )
             return {
                 "in_automatic": n,
                 "in_manual": written,
@@ -136,9 +140,10 @@ class Totals:
             "videos_sampled": len(sample.ids),
             "videos_compared": self.videos,
             "near_s": NEAR_S,
-            "keywords": shares(lambda one: np.ones(len(one), bool)),
+            "keywords": shares(lambda keywords: np.ones(len(keywords), bool)),
             "keywords_by_kind": {
-                kind: shares(lambda one, kind=kind: self._kinds[one] == kind) for kind in kinds
+                kind: shares(lambda keywords, kind=kind: self._kinds[keywords] == kind)
+                for kind in kinds
             },
             "automatic_later_s": quantiles_of(len(later), quantiles),
         }

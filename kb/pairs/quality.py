@@ -118,11 +118,11 @@ def finish(parts: Sequence[Path], out: Path) -> None:
     if not named:  # no transcript was kept
         sorted_shards((), out, _TABLE, released=False)
         return
-    recurs = repeated_text.recurring([Path(f"{one}.keys.npy") for one in named])
+    recurs = repeated_text.recurring([Path(f"{part}.keys.npy") for part in named])
     duplicates, sizes = _duplicates(named), _channel_sizes(named)
     made_of_parts: list[Path] = []
-    for one in named:
-        rows = _read(Path(f"{one}.pairs.arrow"))
+    for part in named:
+        rows = _read(Path(f"{part}.pairs.arrow"))
         of_channel = sizes["videos"].take(pc.index_in(rows["channel_id"], sizes["channel_id"]))
         videos = np.asarray(pc.fill_null(of_channel, 0))
         share = pa.array(np.round(repeated_text.shares(_one(rows["runs"]), recurs, videos), 4))
@@ -135,7 +135,7 @@ def finish(parts: Sequence[Path], out: Path) -> None:
             "cluster_size": pc.fill_null(copies["cluster_size"], 1),
         }
         made = pa.table({name: rows[name] for name in rows.column_names} | own)
-        made_of_parts.append(Path(f"{one}.parquet"))
+        made_of_parts.append(Path(f"{part}.parquet"))
         write_table(
             made_of_parts[-1],
             made.drop_columns(["runs", "channel_id", "match_start_s"]),
@@ -147,11 +147,13 @@ def finish(parts: Sequence[Path], out: Path) -> None:
 
 def _channel_sizes(parts: Sequence[Path]) -> pa.Table:
     """How many videos with pairs each channel has: `channel_id`, `videos`."""
-    each = [
-        _read(Path(f"{one}.pairs.arrow")).group_by(["channel_id", "video_id"]).aggregate([])
-        for one in parts
+    channel_videos = [
+        _read(Path(f"{part}.pairs.arrow")).group_by(["channel_id", "video_id"]).aggregate([])
+        for part in parts
     ]
-    counted = pa.concat_tables(each).group_by("channel_id").aggregate([("video_id", "count")])
+    counted = (
+        pa.concat_tables(channel_videos).group_by("channel_id").aggregate([("video_id", "count")])
+    )
     return counted.rename_columns({"video_id_count": "videos"}).combine_chunks()
 
 
@@ -160,12 +162,14 @@ def _duplicates(parts: Sequence[Path]) -> pa.Table:
     `duplicate_video_id`, `cluster_size`.
     """
     paired: list[pa.Table] = []
-    for one in parts:
-        rows = _read(Path(f"{one}.pairs.arrow"))
+    for part in parts:
+        rows = _read(Path(f"{part}.pairs.arrow"))
         paired.append(rows.select(["pair_id", "video_id", "match_start_s"]))
-    ids = [one["video_id"] for one in paired]
-    with_pairs = pc.unique(pa.chunked_array([c for one in ids for c in one.chunks], pa.string()))
-    videos = pa.concat_tables(_read(Path(f"{one}.videos.arrow")) for one in parts)
+    ids = [rows["video_id"] for rows in paired]
+    with_pairs = pc.unique(
+        pa.chunked_array([c for column in ids for c in column.chunks], pa.string())
+    )
+    videos = pa.concat_tables(_read(Path(f"{part}.videos.arrow")) for part in parts)
     videos = videos.filter(pc.is_in(videos["video_id"], value_set=with_pairs))
     videos = videos.sort_by("video_id").combine_chunks()
     bands = np.asarray(_one(videos["bands"]).flatten()).reshape(-1, repeated_text.BANDS)
@@ -174,7 +178,7 @@ def _duplicates(parts: Sequence[Path]) -> pa.Table:
     known = _one(videos["video_id"])
     members, heads = known.filter(pa.array(clustered)), known.take(pa.array(first[clustered]))
     pairs = pa.concat_tables(
-        one.filter(pc.is_in(one["video_id"], value_set=members)) for one in paired
+        rows.filter(pc.is_in(rows["video_id"], value_set=members)) for rows in paired
     )
     pairs = pairs.sort_by([(n, "ascending") for n in ("video_id", "match_start_s", "pair_id")])
     return _nearest(pairs.combine_chunks(), members, heads)

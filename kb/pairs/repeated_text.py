@@ -232,15 +232,15 @@ def recurring(files: Sequence[Path]) -> tuple[np.ndarray, np.ndarray]:
     """
     arrays = [np.load(path, mmap_mode="r") for path in files]
     bounds = np.arange(_PIECES + 1, dtype=np.float64) * 2.0**64 / _PIECES
-    limits = [np.searchsorted(one, bounds[1:-1].astype(np.uint64)) for one in arrays]
+    limits = [np.searchsorted(array, bounds[1:-1].astype(np.uint64)) for array in arrays]
     recurs = [np.zeros(0, np.uint64)]
     counts = [np.zeros(0, np.int64)]
     for piece in range(_PIECES):
         parts = [np.zeros(0, np.uint64)]
-        for one, at in zip(arrays, limits, strict=True):
+        for array, at in zip(arrays, limits, strict=True):
             low = at[piece - 1] if piece else 0
-            high = at[piece] if piece < _PIECES - 1 else len(one)
-            parts.append(one[low:high])
+            high = at[piece] if piece < _PIECES - 1 else len(array)
+            parts.append(array[low:high])
         keys = np.concatenate(parts)
         keys.sort(kind="stable")  # merges what is sorted already
         starts = np.flatnonzero(np.diff(keys, prepend=np.uint64(0)) != 0)  # no key is 0

@@ -87,8 +87,8 @@ class TextRestore:
         items = 0
         restored = _ids(parquet_files(Layout(self.run.root).restored("pairs")), "pair_id")
         asked = pa.array(self.left(), pa.string())
-        for one in self.content.of("pairs"):
-            rows = _wanted(self.run.root, one, self.content)
+        for folder in self.content.of("pairs"):
+            rows = _wanted(self.run.root, folder, self.content)
             done = pc.is_in(rows["pair_id"].cast(pa.string()), value_set=restored)
             waits = pc.is_in(rows["video_id"].cast(pa.string()), value_set=asked)
             items += pc.sum(pc.or_(pc.invert(done), waits)).as_py() or 0
@@ -202,15 +202,15 @@ def _read(index: Path) -> pa.Table:
         lacking = [
             field.name
             for field in schema
-            if not field.nullable and any(field.name not in one.names for one in schemas)
+            if not field.nullable and any(field.name not in schema.names for schema in schemas)
         ]
         if lacking:
             raise SettingError(
                 f"--from-index: {index} is not an index of pairs: it has no column {lacking[0]!r}"
             )
         read = [
-            parquet.read_table(file, columns=[name for name in schema.names if name in one.names])
-            for file, one in zip(files, schemas, strict=True)
+            parquet.read_table(file, columns=[name for name in schema.names if name in own.names])
+            for file, own in zip(files, schemas, strict=True)
         ]
         rows = pa.concat_tables([schema.empty_table(), *read], promote_options="permissive")
     return conform("pairs/pairs", rows, released=True)

@@ -26,9 +26,9 @@ def video_keys(seed: int, ids: Iterable[str]) -> np.ndarray:
     """64 bits for each video."""
     start = hashlib.sha256(f"{seed}\x1f".encode())
     keys = []
-    for one in ids:
+    for id_ in ids:
         digest = start.copy()
-        digest.update(one.encode())
+        digest.update(id_.encode())
         keys.append(digest.digest()[:8])
     return np.frombuffer(b"".join(keys), "<u8")
 

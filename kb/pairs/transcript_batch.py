@@ -218,34 +218,38 @@ class Text:
         if self._starts is None or not len(places):
             return np.full((2, len(places)), -1)
         cues, cue = np.unique(self.cue_of(places), return_inverse=True)
-        # The captions of these cues alone: a space, and each with the space that follows it.
-        sizes = self.cue_size[cues] + 1
-        at = 1 + np.cumsum(sizes) - sizes
-        moved = self.cue_at[cues] - at
-        taken = np.frombuffer(self.given, np.uint8)[
-            np.append(0, np.repeat(moved, sizes) + np.arange(1, sizes.sum() + 1))
-        ]
-        space = np.frombuffer(_blanked(_SPACE, taken.tobytes()), np.uint8) == 0x20
-        words = np.flatnonzero(space[:-1] & ~space[1:]) + 1
-        begin, end = times = np.full((2, len(words)), -1)
-        first, behind = np.searchsorted(words, at), np.searchsorted(words, at + sizes)
-        of_cues = self._starts.take(pa.array(cues))
-        given = np.asarray(pc.fill_null(pc.list_value_length(of_cues), -1))
-        known = np.flatnonzero((behind > first) & (given == behind - first))
-        starts = _ms(pc.list_flatten(of_cues.take(pa.array(known))))
-        counts = given[known]
-        last = np.cumsum(counts) - 1
-        place = np.arange(len(starts)) + np.repeat(first[known] - last - 1 + counts, counts)
+        begins, words = self._captions(cues)
+        first = np.searchsorted(words, begins)
+        counts = np.diff(first, append=len(words))
+        given = self._starts.take(pa.array(cues))
+        sizes = np.asarray(pc.fill_null(pc.list_value_length(given), -1))
+        usable = (counts > 0) & (sizes == counts)  # a time for each word
+        starts = _ms(pc.list_flatten(given.filter(pa.array(usable))))
+        of_cue = np.repeat(cues[usable], counts[usable])
         # Of several words at one moment each ends when the next moment's begins.
-        number = np.repeat(np.arange(len(known)), counts)
-        moments = number * round(_FAR * 1000) + starts
-        later = np.searchsorted(moments, moments, "right")
-        ends = np.append(starts, 0)[later]
-        low, high = (one[cues[known]][number] for one in (self.cue_start, self.cue_end))
-        ends = np.where(later > last[number], high, ends)
-        begin[place] = np.clip(starts, low, high)
-        end[place] = np.clip(np.minimum(ends, starts + _LONGEST_WORD), low, high)
-        return times[:, np.searchsorted(words, places - moved[cue], "right") - 1]
+        moments = of_cue * round(_FAR * 1000) + starts
+        next_ = np.searchsorted(moments, moments, "right")
+        low, high = self.cue_start[of_cue], self.cue_end[of_cue]
+        is_last = np.append(of_cue, -1)[next_] != of_cue
+        ends = np.where(is_last, high, np.append(starts, 0)[next_])
+        times = np.full((2, len(words)), -1)
+        times[:, np.repeat(usable, counts)] = (
+            np.clip(starts, low, high),
+            np.clip(np.minimum(ends, starts + _LONGEST_WORD), low, high),
+        )
+        in_captions = places - self.cue_at[cues][cue] + begins[cue]
+        return times[:, np.searchsorted(words, in_captions, "right") - 1]
+
+    def _captions(self, cues: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the captions of these cues alone, one after the other: the byte with which each of
+        them begins, and those with which their words begin.
+        """
+        sizes = self.cue_size[cues] + 1  # with the space that follows
+        begins = 1 + np.cumsum(sizes) - sizes  # after a space
+        places = np.repeat(self.cue_at[cues] - begins, sizes) + np.arange(1, sizes.sum() + 1)
+        captions = np.frombuffer(self.given, np.uint8)[np.append(0, places)]
+        space = np.frombuffer(_blanked(_SPACE, captions.tobytes()), np.uint8) == 0x20
+        return begins, np.flatnonzero(space[:-1] & ~space[1:]) + 1
 
     def time_of(self, places: np.ndarray, *, after: bool = False) -> np.ndarray:
         """When the words that hold these bytes begin (or end, with `after`), in ms: by the times of

@@ -115,7 +115,7 @@ def videos(files: list[Path]) -> pa.Table:
     kinds = pa.schema({**texts, "duration_s": pa.float64()})
     with reading(files):
         read = [parquet.read_table(file, columns=kinds.names) for file in files]
-    tables = [one.select(kinds.names).cast(kinds) for one in read]
+    tables = [rows.select(kinds.names).cast(kinds) for rows in read]
     return pa.concat_tables([kinds.empty_table(), *tables]).combine_chunks()
 
 

@@ -79,8 +79,8 @@ def search(
     weights = Weights(indexes, asked)
     linked = restrict(root, entity, list(indexes)) if entity else None
     return [
-        _answer(indexes[one.source], one, weights.marked(one.source), size)
-        for one in rank(indexes, asked, weights, only or Only(), linked)
+        _answer(indexes[ranked.source], ranked, weights.marked(ranked.source), size)
+        for ranked in rank(indexes, asked, weights, only or Only(), linked)
     ]
 
 
@@ -118,8 +118,8 @@ def suggest(root: Path, words: str, *, sources: Sequence[str] = ()) -> str:
         if not asked.is_asking(word)
     }:
         known = any(
-            min(map(one.frequency, one.analyzer.analyze(word)), default=1)
-            for one in indexes.values()
+            min(map(opened.frequency, opened.analyzer.analyze(word)), default=1)
+            for opened in indexes.values()
         )
         if not known:
             if not (other := _nearest([*indexes.values()], word)):
@@ -135,34 +135,34 @@ def _nearest(indexes: Sequence[PassageIndex], word: str) -> str:
     """The word of a passage that is most like a given one, "" where none is."""
     frequencies: Counter[str] = Counter()
     stem = "".join(indexes[0].analyzer.analyze(word))
-    for one in indexes:
-        frequencies.update(dict(one.frequencies(stem[:1], _KNOWN)))
+    for opened in indexes:
+        frequencies.update(dict(opened.frequencies(stem[:1], _KNOWN)))
     near = get_close_matches(stem, frequencies, n=_COMPARED, cutoff=_LEAST)
     if not near:
         return ""
     least = _likeness(near[0], stem) - _AS_NEAR
     best = [other for other in near if _likeness(other, stem) >= least]
-    return _spelling(indexes, min(best, key=lambda one: (-frequencies[one], one)), word)
+    return _spelling(indexes, min(best, key=lambda stem: (-frequencies[stem], stem)), word)
 
 
-def _likeness(one: str, other: str) -> float:
-    return SequenceMatcher(None, one, other).ratio()
+def _likeness(word: str, other: str) -> float:
+    return SequenceMatcher(None, word, other).ratio()
 
 
 def _spelling(indexes: Sequence[PassageIndex], stem: str, word: str) -> str:
     """The word with this stem, in the first passages that have one, that is most like `word`."""
     spellings: Counter[str] = Counter()
-    for one in indexes:
-        for passage in one.first(one.phrase([stem]), _READ):
+    for opened in indexes:
+        for passage in opened.first(opened.phrase([stem]), _READ):
             text = f"{passage.title} {passage.path} {passage.text} {passage.alt}".lower()
             spellings.update(
                 text[token.char_offset_from : token.char_offset_to]
-                for token in one.analyzer.pre_tokenize(text).tokens
+                for token in opened.analyzer.pre_tokenize(text).tokens
                 if token.text == stem
             )
     return min(
         spellings,
-        key=lambda one: (-_likeness(one, word.lower()), -spellings[one], one),
+        key=lambda spelling: (-_likeness(spelling, word.lower()), -spellings[spelling], spelling),
         default="",
     )
 
@@ -197,31 +197,31 @@ def _opened(root: Path, source: str) -> PassageIndex:
 def _answer(
     index: PassageIndex, ranked: Ranked, marked: Sequence[IndexedTerm], size: int
 ) -> SearchHit:
-    one = index.passage(ranked.address)
-    shown, marks = snippet(one.text, index.analyzer, marked)
-    if not marks and one.alt:
-        alt, of_alt = snippet(one.alt, index.analyzer, marked)
-        if of_alt or not one.text:
+    passage = index.passage(ranked.address)
+    shown, marks = snippet(passage.text, index.analyzer, marked)
+    if not marks and passage.alt:
+        alt, of_alt = snippet(passage.alt, index.analyzer, marked)
+        if of_alt or not passage.text:
             shown, marks = alt, of_alt
-    if not (one.text or one.alt):
-        shown, marks = snippet(one.title, index.analyzer, marked)
-    start, url = None, one.url
-    if one.times:
-        start = _second(one, marks)
+    if not (passage.text or passage.alt):
+        shown, marks = snippet(passage.title, index.analyzer, marked)
+    start, url = None, passage.url
+    if passage.times:
+        start = _second(passage, marks)
         url = re.sub(r"&t=\d+s$", f"&t={int(start)}s", url)
-    text = one.text.replace("\n", " ") if one.times else one.text
+    text = passage.text.replace("\n", " ") if passage.times else passage.text
     return SearchHit(
-        text=cut(text or one.alt or one.title, size),
+        text=cut(text or passage.alt or passage.title, size),
         snippet=shown,
         source=ranked.source,
-        kind=one.kind,
-        key=one.key,
-        title=one.title,
-        path=one.path,
+        kind=passage.kind,
+        key=passage.key,
+        title=passage.title,
+        path=passage.path,
         score=ranked.score,
         url=url,
-        licence=one.licence,
-        date=one.date,
+        licence=passage.licence,
+        date=passage.date,
         start_s=start,
     )
 
@@ -231,14 +231,14 @@ def cut(text: str, size: int) -> str:
     return text if len(text) <= size else text[: max(0, size - 1)].rstrip() + "…"
 
 
-def _second(one: Passage, marks: Sequence[tuple[int, int]]) -> float:
+def _second(passage: Passage, marks: Sequence[tuple[int, int]]) -> float:
     """The second at which the cue with the most of the marked words begins, of several the first;
     cues are lines.
     """
     words: Counter[int] = Counter()
     for at, count in marks:
-        words[one.text.count("\n", 0, at)] += count
-    return one.times[min(words, key=lambda line: (-words[line], line), default=0)]
+        words[passage.text.count("\n", 0, at)] += count
+    return passage.times[min(words, key=lambda line: (-words[line], line), default=0)]
 
 
 def restrict(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
@@ -250,7 +250,7 @@ def restrict(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[st
     workplace = Catalog(root.absolute()).workplace
     if manifest.read(workplace, "links") is not None:
         manifest.check_complete(workplace, "links")
-        if stale := [one for one in texts.changed(root, "links") if one in sources]:
+        if stale := [source for source in texts.changed(root, "links") if source in sources]:
             raise UsageError(
                 f"the entity tables in {Layout(workplace).links} are older than the texts of"
                 f" {stale[0]}",
@@ -274,7 +274,7 @@ def entity(root: Path, name: str) -> str:
     if match := names.get(wanted) or forms.get(wanted):
         return match
     near = similar(wanted, [*names, *forms])
-    listed = dict.fromkeys(names.get(one) or forms[one] for one in near)
+    listed = dict.fromkeys(names.get(word) or forms[word] for word in near)
     hint = f"did you mean {' or '.join(listed)}?" if listed else ""
     lists = '`kb query "SELECT entity FROM links.entities"` lists them'
     raise UsageError(f"no entity {name!r}", hint=hint or lists)
@@ -332,10 +332,10 @@ def _spans(words: Sequence[str], marked: Sequence[IndexedTerm]) -> list[tuple[in
     number of the term; the first, and of these the longest.
     """
     spans = []
-    for number, one in enumerate(marked):
-        spans += [(at, at + len(one.words), number) for at in one.places(words)]
+    for number, term in enumerate(marked):
+        spans += [(at, at + len(term.words), number) for at in term.places(words)]
     kept: list[tuple[int, int, int]] = []
-    for span in sorted(spans, key=lambda one: (one[0], -one[1])):
+    for span in sorted(spans, key=lambda span: (span[0], -span[1])):
         if not kept or span[0] >= kept[-1][1]:
             kept.append(span)
     return kept
@@ -345,7 +345,7 @@ def _begin(spans: Sequence[tuple[int, int, int]], count: int) -> int:
     """The first word of the best part, what is marked in the middle of it."""
     best, begin = (0, 0, 0), 0
     for first, _, _ in spans:
-        near = [one for one in spans if one[0] >= first and one[1] <= first + MOST]
+        near = [span for span in spans if span[0] >= first and span[1] <= first + MOST]
         longest = max((after - start for start, after, _ in near), default=0)
         worth = longest, len({term for _, _, term in near}), len(near)
         if near and worth > best:

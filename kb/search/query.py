@@ -98,10 +98,10 @@ def question(text: str, is_small: Callable[[str], bool] = lambda word: False) ->
         for number, word in enumerate(parts, 1):
             ends = phrase is None and word.endswith("*")
             prefix = ends or (bool(match["any"]) and number == len(parts))
-            kinds = [unicodedata.category(one) for one in word]
+            kinds = [unicodedata.category(sign) for sign in word]
             kept = "".join(
-                one if kind[0] in "LNM" or kind == "Co" else " "
-                for one, kind in zip(word, kinds, strict=True)
+                sign if kind[0] in "LNM" or kind == "Co" else " "
+                for sign, kind in zip(word, kinds, strict=True)
             ).split()
             if not kept:
                 continue
@@ -125,8 +125,8 @@ def question(text: str, is_small: Callable[[str], bool] = lambda word: False) ->
         )
     every = (*run, *(term.text for term in terms))
     small = frozenset(word for word in every if all(map(is_small, word.lower().split())))
-    large = [one for one in terms if one in needed or one.prefix or one.text not in small]
-    if len(run) < 2 or any(one.prefix for one in terms):
+    large = [term for term in terms if term in needed or term.prefix or term.text not in small]
+    if len(run) < 2 or any(term.prefix for term in terms):
         run = []
     return Question(
         tuple(large or terms)[:MOST], tuple(needed)[:MOST], tuple(barred)[:MOST], tuple(run), small
@@ -146,5 +146,5 @@ def clean(text: str) -> str:
     """The text without what is no sign (control characters, surrogates), accents in one
     character with their letters.
     """
-    signs = "".join(" " if unicodedata.category(one) in ("Cc", "Cs") else one for one in text)
+    signs = "".join(" " if unicodedata.category(sign) in ("Cc", "Cs") else sign for sign in text)
     return unicodedata.normalize("NFC", signs)

@@ -139,16 +139,17 @@ class Weights:
         self.runs = {source: IndexedTerm(index, run) for source, index in indexes.items()}
         self.large = {source: _large(index, question) for source, index in indexes.items()}
         self.terms = self._rarities(question.terms)
-        self.pairs = {term: one / 2 for term, one in self._rarities(question.pairs).items()}
+        pairs = self._rarities(question.pairs)
+        self.pairs = {term: both / 2 for term, both in pairs.items()}
         self.order = _HIGHEST * sum(self.terms.values()) + sum(self.pairs.values())
 
     def _rarities(self, terms: Iterable[Term]) -> dict[Term, float]:
         """Sums over each term's words; a term that the analyzer drops is left out."""
         made = {}
         for term in terms:
-            frequencies = [one[term].frequencies for one in self.indexed.values()]
+            frequencies = [terms_of[term].frequencies for terms_of in self.indexed.values()]
             if all(frequencies):
-                counts = [sum(each) for each in zip(*frequencies, strict=True)]
+                counts = [sum(of_word) for of_word in zip(*frequencies, strict=True)]
                 made[term] = sum(rarity(self._size, count) for count in counts)
                 if min(counts) == 0:
                     self._unknown.add(term.text)
@@ -163,21 +164,20 @@ class Weights:
         words = question.run[:MOST] or tuple(term.text for term in question.terms)
         large = tuple(word for word in words if word not in question.small) or words
         subject = self._subject(question, large)
-        weights = {word: self.terms.get(Term(word), 1.0) for word in subject}
-        named: list[tuple[Query | None, float]] = []
-        for words_of_title in {*_spans(words), *_spans(large)}:
-            share = sum(weights[word] for word in weights.keys() & {*words_of_title})
-            title = index.named(words_of_title, pages=True)
-            named.append((title, _PAGE * share / sum(weights.values())))
         about = tuple(word for word in words if word in subject)
-        for whole, share in ((about, 1.0), (large, 1.0), (words, _EVERY)):
-            named.append((index.named(whole, pages=True), _PAGE * share))
-            named.append((index.named(whole, pages=False), share))
-        most = _TITLE * self.order
+        weights = {word: self.terms.get(Term(word), 1.0) for word in subject}
+        # (words of a title, its share of what the question is about): of a page, of another thing
+        of_pages = [
+            (span, sum(weights[word] for word in weights.keys() & {*span}) / sum(weights.values()))
+            for span in {*_spans(words), *_spans(large)}
+        ]
+        of_others = [(about, 1.0), (large, 1.0), (words, _EVERY)]
+        shares = [(title, share * _PAGE, True) for title, share in [*of_pages, *of_others]]
+        shares += [(title, share, False) for title, share in of_others]
         return [
-            Query.const_score_query(title, share * most)
-            for title, share in named
-            if title is not None and share
+            Query.const_score_query(named, share * _TITLE * self.order)
+            for title, share, is_page in shares
+            if share and (named := index.named(title, pages=is_page)) is not None
         ]
 
     def _subject(self, question: Question, large: Sequence[str]) -> set[str]:
@@ -192,8 +192,8 @@ class Weights:
         such as "to", the rarest first.
         """
         most = max(self.terms.values(), default=0.0)
-        rarest = sorted(self.terms.items(), key=lambda one: (-one[1], one[0]))
-        terms = [self.indexed[source][term] for term, one in rarest if one >= _MARKED * most]
+        rarest = sorted(self.terms.items(), key=lambda item: (-item[1], item[0]))
+        terms = [self.indexed[source][term] for term, rare in rarest if rare >= _MARKED * most]
         return [self.runs[source], *terms] if self.runs[source].words else terms
 
 
@@ -223,7 +223,7 @@ def understood(indexes: Mapping[str, PassageIndex], text: str) -> Question:
     """The question in a text, by the function words of the indexes' language. A word that names a
     page is none ("fire"). Raises UsageError without a word to look for.
     """
-    listed = frozenset[str]().union(*(function_words(one.language) for one in indexes.values()))
+    listed = frozenset[str]().union(*(function_words(index.language) for index in indexes.values()))
 
     def is_small(word: str) -> bool:
         return word in listed and not any(
@@ -266,8 +266,10 @@ def _query(
     keys: Collection[str] | None,
 ) -> Query:
     terms, run = weights.indexed[source], weights.runs[source]
-    parts = [(Occur.Should, terms[term].scored(one)) for term, one in weights.terms.items()]
-    parts += [(Occur.Should, terms[term].constant(one)) for term, one in weights.pairs.items()]
+    parts = [(Occur.Should, terms[term].scored(weight)) for term, weight in weights.terms.items()]
+    parts += [
+        (Occur.Should, terms[term].constant(weight)) for term, weight in weights.pairs.items()
+    ]
     if run.words:
         parts.append((Occur.Should, run.constant(weights.order)))
     if len(large := weights.large[source]) > 1:
@@ -288,8 +290,8 @@ def _query(
     return Query.boolean_query(
         [
             (Occur.Must, Query.boolean_query(parts)),
-            *((Occur.Must, Query.const_score_query(one, 0.0)) for one in needed),
-            *((Occur.MustNot, one) for one in barred),
+            *((Occur.Must, Query.const_score_query(query, 0.0)) for query in needed),
+            *((Occur.MustNot, query) for query in barred),
         ]
     )
 

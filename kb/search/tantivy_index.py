@@ -123,7 +123,7 @@ class PassageIndex:
 
     def days(self, since: str, until: str) -> Query:
         """Passages of these days, both included; either may be "". None without a date."""
-        first, last = (day(one) if one else None for one in (since, until))
+        first, last = (day(date) if date else None for date in (since, until))
         return Query.range_query(self.schema, DAY, tantivy.FieldType.Integer, first, last)
 
     def kinds(self, kinds: Iterable[str]) -> Query:

@@ -107,7 +107,8 @@ def youtube_crawl(
     name="import",
     limit="Stop after N more files (exit code 3); the next run resumes.",
     json="crawled, subtitles, playlists, own_transcripts, unknown_videos, files, known_files,"
-    " left_out_by, left_out_files, other_languages, other_language_files, null_columns",
+    " left_out_by, left_out_files, other_languages, other_language_files,"
+    " word_times_dropped, word_times_dropped_files, null_columns",
     checks=True,
     data="makes",
     examples=[
@@ -126,9 +127,9 @@ def youtube_import(
         typer.Option(
             "--own-transcripts",
             metavar="DIR",
-            help="Transcripts of your own speech recognition: JSON of Whisper, WhisperX or"
-            " faster-whisper, .srt or .vtt, named by video as ID.json, TITLE [ID].srt or ID/…; may"
-            " be repeated.",
+            help="Transcripts of your own speech recognition: JSON of Whisper and of ten other"
+            " programs, .srt or .vtt, named by video as ID.json, TITLE [ID].srt or ID/…; may be"
+            " repeated.",
         ),
     ] = None,
 ) -> Summary:

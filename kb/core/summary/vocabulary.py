@@ -66,6 +66,11 @@ WORDS: dict[str, Word] = {
         " over."
     ),
     "other_language_files": Word("The first of their files by name."),
+    "word_times_dropped": Word(
+        "Times of words of own transcripts that are not used, as their words are not those of the"
+        " text."
+    ),
+    "word_times_dropped_files": Word("The first of their files by name, with how many."),
     "null_columns": Word("Columns that imported files leave null, with the number of videos."),
     "duplicates": Word(
         "Older or repeated answers; only the newest one is used.", "{n} older answers"

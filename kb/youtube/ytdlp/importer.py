@@ -34,6 +34,7 @@ from kb.youtube.parse.channels import ChannelFilter
 from kb.youtube.section import YouTubeSection
 from kb.youtube.ytdlp import info, subtitles
 from kb.youtube.ytdlp.known_answers import KnownAnswers, answer_digest
+from kb.youtube.ytdlp.speech_json import heard_language
 from kb.youtube.ytdlp.tracks import TrackLanguage, language_of
 
 AT_ONCE = 256  # answers that are written and synced together
@@ -42,7 +43,7 @@ NAMED = 20  # files left out for one reason that are named
 LARGEST = 100_000_000  # bytes of an info.json; one larger is not yt-dlp's. Of texts: SMALL
 BROKEN_INFO, BROKEN_SUBTITLES = "broken_info", "broken_subtitles"
 BROKEN_TRANSCRIPTS = "broken_transcripts"
-OTHER_LANGUAGES = "other_languages"
+OTHER_LANGUAGES, DROPPED = "other_languages", "word_times_dropped"
 NAMELESS, FOREIGN, PURGED, UNREADABLE = "without_video_id", "other_sites", "purged", "unreadable"
 # Kinds of raw answers and their names in the summary, in the order in which they are written.
 _COUNTED = {
@@ -251,7 +252,7 @@ class _Import:
         params: dict[str, Any],
         changed: datetime,
     ) -> Iterator[tuple[str, Envelope]]:
-        text = _with_cues(named.format, data)
+        text, _ = _with_cues(named.format, data)
         video = None
         if named.video_id is None or self._left_out:
             video = _video_beside(path, named.stem)
@@ -272,7 +273,7 @@ class _Import:
     def _own(
         self, named: info.OwnName, data: bytes, params: dict[str, Any], changed: datetime
     ) -> Iterator[tuple[str, Envelope]]:
-        text = _with_cues(named.format, data)
+        text, dropped = _with_cues(named.format, data)
         if not self._session.purged.isdisjoint(named.ids):
             raise _LeftOut(PURGED)
         known = (one for one in named.ids if self._session.frontier.get(VIDEOS, one))
@@ -284,7 +285,11 @@ class _Import:
             raise _LeftOut(NAMELESS)
         language = named.language
         if language is None and named.format == "json":
-            language = subtitles.heard_language(text)
+            language = heard_language(text)
+        if dropped:
+            self.counts["word_times_dropped"] += dropped
+            if len(self.named[DROPPED]) < NAMED:
+                self.named[DROPPED].append(f"{params['file']} ({dropped:,})")
         about = {"video_id": video_id, "language": language, "format": named.format}
         yield RAW_OWN, _envelope(changed, params, about | {"text": text})
 
@@ -334,6 +339,8 @@ class _Import:
             left_out_files={reason: self.named[reason] for reason in self.left_out},
             other_languages=dict(self.other_languages.most_common()),
             other_language_files=self.named[OTHER_LANGUAGES],
+            word_times_dropped=self.counts["word_times_dropped"],
+            word_times_dropped_files=self.named[DROPPED],
             null_columns=dict(sorted(self.null.items())),
             requests=0,
         )
@@ -359,6 +366,11 @@ def unfilled_columns(summary: Summary) -> list[str]:
         lines.append(
             f"tracks in another language than the profile's, which the filter passes over:"
             f" {', '.join(names)}{more}"
+        )
+    if dropped := summary["word_times_dropped"]:
+        lines.append(
+            f"{dropped:,} times of words are not used, as these words are not those of their"
+            f" segment's text: {', '.join(summary['word_times_dropped_files'])}"
         )
     if nulls := summary["null_columns"]:
         videos = summary["crawled"]
@@ -396,12 +408,15 @@ def _is_own(entry: os.DirEntry[str]) -> bool:
     return bool(info.own_name(Path(entry.path))) and info.subtitle_name(entry.name) is None
 
 
-def _with_cues(form: str, data: bytes) -> str:
-    """The text of a file that has cues. Raises ValueError."""
+def _with_cues(form: str, data: bytes) -> tuple[str, int]:
+    """The text of a file that has cues, and how many times of words in it are not used. Raises
+    ValueError.
+    """
     text = text_of(data).removeprefix("\ufeff")
-    if not subtitles.read(form, text).cues:
+    track = subtitles.read(form, text)
+    if not track.cues:
         raise ValueError("no cue in it")
-    return text
+    return text, track.dropped
 
 
 def _video_beside(path: Path, stem: str) -> dict[str, Any] | None:

@@ -9,8 +9,7 @@ plain form: one cue a line, in the track's order.
             notes, styles and regions are not speech (W3C WebVTT, section 4)
     srt     the same without times of words, where yt-dlp converted it. Whisper can underline the
             word that is spoken, in a cue of its own that repeats the whole text
-    json    what Whisper, WhisperX and faster-whisper heard: `segments` with `start`, `end` (s) and
-            `text`, and perhaps `words` with a `start` each
+    json    what programs of speech recognition heard (kb.youtube.ytdlp.speech_json)
 
 A value that can't be read costs that value, or the line that can't be placed without it; what is
 not of the form at all raises ValueError.
@@ -27,11 +26,12 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from kb.core.installation import np
-from kb.core.languages import code_of
 from kb.crawl.file_text import json_value
+from kb.youtube.ytdlp.speech_json import spoken_segments
 
 _TAG = re.compile(r"</?(?:[A-Za-z][^<>]*)?>|<[\d:.]+>")
 _WORD = re.compile(r"\S+")
+_NO_LETTER = re.compile(r"[\W_]+")
 _TIME = r"(?:(\d+):)?(\d\d):(\d\d)[.,](\d\d\d)"  # SubRip has a comma
 _TIMING = re.compile(rf"{_TIME}[ \t]*-->[ \t]*{_TIME}(?:[ \t].*)?")
 _MARK = re.compile(r"<(?:(\d+):)?(\d\d):(\d\d)\.(\d\d\d)>")
@@ -54,10 +54,13 @@ class Cue(NamedTuple):
 
 
 class CaptionTrack(NamedTuple):
-    """The cues of a file; `timed`: it has the time of every word."""
+    """The cues of a file; `timed`: it has the time of every word; `dropped`: of so many words the
+    times are not used, as the words are not those of the text.
+    """
 
     cues: list[Cue]
     timed: bool
+    dropped: int = 0
 
 
 Parts = list[tuple[int, str]]
@@ -65,12 +68,15 @@ Parts = list[tuple[int, str]]
 
 
 class _Line(NamedTuple):
-    """`start` is -1 where it can't be read; `timed` is false for one without times of words."""
+    """`start` is -1 where it can't be read; `timed` is false for one without times of words, and
+    `dropped` is how many of these do not fit its text.
+    """
 
     start: int
     end: int
     parts: Parts
     timed: bool = True
+    dropped: int = 0
 
 
 def read(form: str, text: str) -> CaptionTrack:
@@ -80,7 +86,7 @@ def read(form: str, text: str) -> CaptionTrack:
     text = text.removeprefix("\ufeff")
     if form == "vtt" and not text.startswith("WEBVTT"):
         raise ValueError("not WebVTT")
-    forms = {"vtt": _srt, "srv3": _srv3, "json3": _json3, "srt": _srt, "json": _segments}
+    forms = {"vtt": _srt, "srv3": _srv3, "json3": _json3, "srt": _srt, "json": _recognised}
     lines, timed = forms[form](text)
     placed = [line for line in lines if line.start >= 0]
     if lines and not placed:
@@ -95,7 +101,7 @@ def read(form: str, text: str) -> CaptionTrack:
             cues.append(
                 Cue(line.start / 1000, length, spoken, words if timed and line.timed else None)
             )
-    return CaptionTrack(cues, timed)
+    return CaptionTrack(cues, timed, sum(line.dropped for line in placed))
 
 
 def _milliseconds(value: Any, otherwise: int = 0) -> int:
@@ -292,43 +298,34 @@ def _in_one(rows: list[_Row]) -> Parts:
 # -- json ------------------------------------------------------------------------------------------
 
 
-def _segments(text: str) -> tuple[list[_Line], bool]:
-    document = json_value(text)
-    segments = document.get("segments") if isinstance(document, dict) else document
-    if not isinstance(segments, list):
-        raise ValueError("it has no segments")  # noqa: TRY004 (a fact about the file)
+def _recognised(text: str) -> tuple[list[_Line], bool]:
     lines = []
-    for segment in segments:
-        if not isinstance(segment, dict):
+    for segment in spoken_segments(text):
+        start, end, spoken = segment.start, segment.end, segment.text.strip()
+        starts = _every_start([word.start for word in segment.words], start, end)
+        pieces = _pieces(spoken, [word.text for word in segment.words])
+        if not (pieces and starts):
+            dropped = sum(word.start >= 0 for word in segment.words)
+            lines.append(_Line(start, end, [(start, spoken)], timed=False, dropped=dropped))
             continue
-        start, end = (_seconds(segment.get(name)) for name in ("start", "end"))
-        given, spoken = segment.get("words"), segment.get("text")
-        words = [one for one in given if isinstance(one, dict)] if isinstance(given, list) else []
-        pieces = [str(one.get("word", "")) for one in words]
-        spoken = spoken.strip() if isinstance(spoken, str) else ""
-        # Whisper's words bring their spaces along, WhisperX's don't.
-        joined = (glue.join(pieces).split() for glue in ("", " "))
-        fits = next((one for one in joined if one == (spoken or " ".join(pieces)).split()), [])
-        starts = _every_start([_seconds(one.get("start")) for one in words], start, end)
-        if not (fits and starts):
-            lines.append(_Line(start, end, [(start, spoken)], timed=False))
-            continue
-        glue = "" if "".join(pieces).split() == fits else " "
-        parts = [(at, f"{piece}{glue}") for at, piece in zip(starts, pieces, strict=True)]
+        parts = [*zip(starts, pieces, strict=True)]
         parts[0] = (parts[0][0], parts[0][1].lstrip())
         parts[-1] = (parts[-1][0], parts[-1][1].rstrip())
         lines.append(_Line(starts[0] if start < 0 else start, max(end, starts[-1]), parts))
     return lines, any(line.timed for line in lines)
 
 
-def heard_language(text: str) -> str | None:
-    """The language that JSON of speech recognition names; None where it names none."""
-    document = json_value(text)
-    top = document if isinstance(document, dict) else {}
-    for part in (top, top.get("info"), top.get("result")):
-        if isinstance(part, dict) and isinstance(language := part.get("language"), str):
-            return code_of(language) or None
-    return None
+def _pieces(spoken: str, heard: list[str]) -> list[str]:
+    """What was heard, as pieces that make up the text, which may be ""; [] where they don't."""
+    # Whisper's words bring their spaces along, WhisperX's don't.
+    for glue in ("", " "):
+        joined = glue.join(heard).split()
+        if joined == (spoken or " ".join(heard)).split():
+            return [f"{piece}{glue}" for piece in heard]
+    words = spoken.split()  # some programs write signs and capitals in the text alone
+    alike = [_NO_LETTER.sub("", word).casefold() for word in words]
+    fits = alike == [_NO_LETTER.sub("", word).casefold() for word in heard]
+    return [f"{word} " for word in words] if fits else []
 
 
 def _every_start(starts: list[int], begin: int, end: int) -> list[int]:

@@ -179,10 +179,9 @@ def test_they_fill_come_first_or_are_ignored_as_the_profile_says(job: Job) -> No
         1,
         {"broken_transcripts": 2, "without_video_id": 1, "other_files": 1},
     )
-    assert sorted(found["left_out_files"]["broken_transcripts"]) == [
-        f"{had}.en.json (it has no segments)",
-        f"{had}.vtt (no cue in it)",
-    ]
+    without, empty = sorted(found["left_out_files"]["broken_transcripts"])
+    assert without.startswith(f"{had}.en.json (it has no segments with times in a form of whisper")
+    assert empty == f"{had}.vtt (no cue in it)"
     asked = (
         "SELECT video_id, transcript_origin, word_count, topic_evidence FROM clean.youtube_videos"
     )
