@@ -72,7 +72,7 @@ def _origin(_: Any, text: Any) -> Origin:
 class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, dict=True):
     """A column of a table.
 
-    type        see kb.schema.types
+    type        see kb.schema.tables.parse_type
     unit        what a number counts ("s", "px", "views"); absent for text and ids
     doc         one line
     from        "<raw kind>: <path>", "envelope: <field>", "annotation: <what>" or "rule: <how>"

@@ -58,7 +58,7 @@ def _out(name: str, stage: str, reason: str | None = None, often: int = 0, **cha
 EN, ASR = Track("en"), Track("en", "asr")
 
 # A domain fills in {topic} and the like, and puts its own numbers in the place of these
-# (kb/sandbox/youtube/case_rules.py).
+# (kb.sandbox.youtube.cases.cases_by).
 CASES: list[Case] = [
     _kept("manual", often=18),
     _kept("asr", "asr", often=22, tracks=[ASR]),

@@ -123,7 +123,7 @@ def test_a_root_keeps_to_its_services(tmp_path):
     domain_binding.bind_service(
         tmp_path, "reddit", host="http://127.0.0.1:6000", subreddit="minecraft"
     )
-    # What was noted binds from the first answer on (tests/store/test_identity.py).
+    # What was noted binds from the first answer on.
     segment = rawlog.Segment(rawlog.folder(tmp_path, "reddit", "listings"))
     segment.append(
         rawlog.encode(rawlog.Envelope("2026-11-20T12:00:00Z", rawlog.Request("new", {}), 200, {}))
