@@ -20,6 +20,7 @@ from kb.core.sources import PUBLISHED, SOURCES, Publication, SourceDeclaration
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
+    from kb.artifacts.card_answers import CardAnswer
     from kb.artifacts.purge import PurgeRules
     from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from kb.core.summary import Summary
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
-    from kb.export.text import TextDocument
+    from kb.export.text import TextDocument, TextFiles
     from kb.links.texts import TextPart
     from kb.mcp.documents import AgentDocument, SourceLocation
     from kb.reader.tables import OpenTables
@@ -62,6 +63,12 @@ class Published:
         self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
     ) -> tuple[str, ...]:
         """How good the released rows are, with figures: sentences for card and datasheet."""
+        return ()
+
+    def answers(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> Sequence[CardAnswer]:
+        """Questions that the released rows answer, asked of them: a section of the card."""
         return ()
 
     def figures(self) -> Sequence[FigureMaker]:
@@ -123,9 +130,9 @@ class Source(Published, ABC):
         """What `kb search` indexes."""
         return iter(())
 
-    def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:
-        """The documents of `--format text` of one bucket: `files` of the `textual` tables, "" for
-        one without rows, and the address of the service. Raises DamagedData.
+    def text_documents(self, files: TextFiles, origin: str) -> Iterator[TextDocument]:
+        """The documents of `--format text` of one bucket: `files` of the `textual` tables, none
+        for one without rows, and the address of the service. Raises DamagedData.
         """
         return iter(())
 

@@ -84,7 +84,8 @@ def _jobs(run: Run, folders: Folders, dumps: Dumps, only: str | None) -> tuple[R
     """One job a source; texts of pairs come last, as they are cut out of transcripts."""
     content = choose(folders, only)
     threads = ThreadRestore(run, content, dumps)
-    return VideoRestore(run, content, _sort), threads, TextRestore(run, content)
+    videos = VideoRestore(run, content, _sort)
+    return videos, threads, TextRestore(run, content, videos.left)
 
 
 def _sort(run: Run) -> None:

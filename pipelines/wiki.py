@@ -29,6 +29,7 @@ from kb.filters.predicates import AtLeast, Predicate, Present, RecordedReason, W
 from kb.wiki.parse import tables as parsed
 from kb.wiki.parse.decode import HELPERS, KINDS, assemble
 from kb.wiki.parse.facts import MarkupRules
+from kb.wiki.parse.graph import resolve_titles
 from kb.wiki.section import WikiSection
 
 NEEDED = ("page_id", "title", "url", "revision_id", "revision_timestamp")
@@ -59,9 +60,9 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
 
 
 def clean(p: Profile) -> Clean:
-    """Raw answers and captured pages to pages, elements, cells, images, facts and recipes."""
+    """Raw answers and captured pages to pages, what stands on them, and what leads to which."""
     markup = p.section(WikiSection).markup
-    rules = MarkupRules(markup.units, markup.item)
+    rules = MarkupRules(markup.units, markup.item, markup.stations)
     scores, shown = {"text": "toxicity"}, {"title": "title", "text": "text"}
     rows = partial(assemble, url=p.section(WikiSection).url)
     pages = Chain(
@@ -80,5 +81,6 @@ def clean(p: Profile) -> Clean:
         chains=(pages,),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in parsed.PARTS),
         scorer=toxicity,
+        across=resolve_titles,
         figures=lambda _, made: parsed.figures(made),
     )

@@ -2,6 +2,7 @@
 which it is installed outside of the checkout, and the demo.
 """
 
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -10,6 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from kb.core.config.profile import load_profile
+from kb.sandbox.domain import domain_of
+from kb.sandbox.server import Sandbox
+from kb.sandbox.wiki.generated import PAGES
+from kb.sandbox.world import World
 from tests import inprocess
 from tests.cli.conftest import clean_environment
 from tests.once import once
@@ -91,3 +97,21 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert done.code == 0, done.err[-3000:]
 
     return once(tmp_path_factory, "demo", run)
+
+
+@pytest.fixture(scope="session")
+def downloads(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that holds `release`, a copy of the demo's, and what was restored of it: by
+    `kb restore .` typed in `release`, and in `release/restored` by a card's command.
+    """
+
+    def restore(folder: Path) -> None:
+        place = folder / "release"
+        shutil.copytree(demo / "data" / "demo" / "release", place)
+        with Sandbox(World(n_named=PAGES, domain=domain_of(load_profile("minecraft")))) as sandbox:
+            env = clean_environment() | sandbox.settings()
+            done = inprocess.run(["restore", "."], env=env, cwd=place)
+            assert done.code == 0, done.err[-3000:]
+        shutil.copytree(folder / "release-restored", place / "restored")
+
+    return once(tmp_path_factory, "downloads", restore)

@@ -19,6 +19,8 @@ def is_root(path: Path) -> bool:
     folder above several, although `state/` was left in it.
     """
     made = [name for name in _OF_A_ROOT if _is_folder(path / name)]
+    if made == ["restored"] and _is_folder(path / "restored" / "restored"):
+        return False  # a data root of that name beside releases, as their cards propose
     if not made or is_released(path):
         return False
     return made != ["state"] or not any(map(is_released, folders_in(path)))

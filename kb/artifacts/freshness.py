@@ -22,6 +22,7 @@ from typing import Any
 from kb.artifacts import index, manifest
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.table_catalog import Catalog
+from kb.artifacts.texts import exported_files
 from kb.core.config.pipeline import digests
 from kb.core.config.profile import Profile
 from kb.core.config.section import read_text
@@ -131,7 +132,8 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
     why = manifest.damaged(place, name)[:1]
     if not made.figures.get("complete", True):
         why.append("not finished")
-    find = catalog.texts if source != name or name == "links" else partial(manifest.rows, root)
+    reads_texts = source != name or name == "links"
+    find = catalog.texts if reads_texts else partial(exported_files, root)
     for one in artifact.inputs:
         if one in stale:
             why.append(one)

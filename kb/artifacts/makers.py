@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from kb.artifacts import freshness, manifest
+from kb.artifacts import freshness, manifest, texts
 from kb.artifacts.freshness import Reasons
 from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
@@ -146,7 +146,9 @@ def make_export(run: Run, name: str, layout: str, options: Mapping[str, Any] = _
 
 
 def make_and_export(run: Run, name: str, layout: str = "parquet") -> Summary:
-    """Make tables, then a layout of them. Raises likewise."""
+    """Make tables, then a layout of them; of restored tables only the layout. Raises likewise."""
+    if layout != "parquet" and texts.is_restored(run.root, name):
+        return make_export(run, name, layout)
     made = make_artifact(run, name)
     exported = make_export(run, name, layout)
     return Summary(made, **({"release": exported["path"]} if layout == "parquet" else exported))

@@ -21,6 +21,23 @@ def files(root: Path, name: str) -> dict[str, list[Path]]:
     return {table: paths for table, paths in texts.items() if paths}
 
 
+def is_restored(root: Path, source: str) -> bool:
+    """Whether a source's rows are those that `kb restore` brought back: no filter kept any here."""
+    return Catalog(root.absolute()).schema_of(source) == "restored"
+
+
+def exported_files(root: Path, name: str) -> list[Path]:
+    """The files of a table that exports read: clean ones, else restored ones; of a download
+    released ones that hold texts. Raises DamagedData for a lost file.
+    """
+    catalog = Catalog(root.absolute())
+    if catalog.is_download:
+        return catalog.texts(name)
+    if is_restored(root, name.partition("/")[0]):
+        return catalog.files(name)
+    return manifest.rows(root, name)
+
+
 def inputs(root: Path, name: str) -> dict[str, str]:
     """The digests of an artifact's inputs as they are now. Raises DamagedData for a lost file."""
     return manifest.inputs(root, name, Catalog(root.absolute()).texts)

@@ -183,6 +183,8 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     parts            what these texts are called in links: "title", "body"
     indexed          tables that passages are made of
     kinds            kinds of these passages, as `kb search --kind` names them
+    searched         what a search finds by each of these tables, as a plural noun; by default the
+                     names of `tables`
     textual          tables that documents of `--format text` are made of, first the one with a row
                      for each
     ref              an example of a reference to a place in it; "" when `read` shows nothing of it
@@ -228,6 +230,7 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     parts: tuple[str, ...] = ()
     indexed: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ()
+    searched: dict[str, str] = {}
     textual: tuple[str, ...] = ()
     ref: str = ""
     mark: str = "#"

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
 from kb.artifacts import index
+from kb.artifacts.stored_files import stored_file
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.explore.pairs import PairCard, cards
@@ -26,7 +27,6 @@ from kb.mcp.documents import (
 )
 from kb.reader import thread as threads
 from kb.reader.tables import OpenTables
-from kb.reader.wiki_page import stored_png
 from kb.schema import table
 from kb.search.passage import plain
 from kb.search.query import function_words, question
@@ -300,7 +300,7 @@ def screenshot(root: Path, query: Mapping[str, str], readers: Readers) -> bytes:
     shown = surroundings(root, parse_reference(query.get("ref", "")), readers).screenshot
     if shown is None:
         raise UsageError("the page has no screenshot")
-    return stored_png(shown.home, shown.path)[0]
+    return stored_file(shown.home, shown.path)[0]
 
 
 def _marker(root: Path, source: str, words: str) -> Marker:

@@ -13,6 +13,7 @@ from kb.core.sources import KINDS, SOURCES
 from kb.explore.tables import page_number
 from kb.mcp.search_tool import ref
 from kb.search.answers import MARK, NotIndexed, SearchHit, search_as_meant
+from kb.search.coverage import coverage
 from kb.search.ranking import Only, day_given
 
 ON_A_PAGE = 20  # answers
@@ -23,8 +24,8 @@ _FIELDS = ("words", "source", "kind", "entity", "since", "until", "least")
 @dataclass(frozen=True)
 class SearchPage:
     """What was asked, by the name of its field, and the answers, best first; or why there are none:
-    `problem`, and a `hint` what to do. `instead`: these are those to the
-    suggestion. `more`: there is another page. An answer of `hits` has the address of its
+    `problem`, and a `hint` what to do. `instead`: these are those to the suggestion. `more`: there
+    is another page. `covers`: what is searched. An answer of `hits` has the address of its
     surroundings, and its snippet in pieces of which every second one is marked.
     """
 
@@ -36,6 +37,7 @@ class SearchPage:
     hint: str = ""
     page: int = 1
     more: bool = False
+    covers: str = ""
     sources: tuple[str, ...] = tuple(SOURCES)
     kinds: tuple[str, ...] = KINDS
 
@@ -59,7 +61,7 @@ def read(root: Path, query: Mapping[str, str]) -> SearchPage:
     """
     asked = _asked(query)
     if not asked["words"]:
-        return SearchPage(asked, [], "")
+        return SearchPage(asked, [], "", covers=str(coverage(root)))
     if asked["source"] not in ("", *SOURCES):
         raise UsageError(f"unknown source {asked['source']!r}")
     if asked["kind"] not in ("", *KINDS):
@@ -86,7 +88,8 @@ def read(root: Path, query: Mapping[str, str]) -> SearchPage:
     words = meant if instead else asked["words"]
     shown = [_shown(hit, words) for hit in hits[(number - 1) * ON_A_PAGE :][:ON_A_PAGE]]
     more = len(hits) > number * ON_A_PAGE and number < _LAST
-    return SearchPage(asked, shown, meant, instead, page=number, more=more)
+    covers = str(coverage(root))
+    return SearchPage(asked, shown, meant, instead, page=number, more=more, covers=covers)
 
 
 def without_answers(query: Mapping[str, str], error: KbError) -> SearchPage:

@@ -42,6 +42,9 @@ from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
 from kb.artifacts import manifest
+from kb.artifacts.stored_files import stored_file
+from kb.artifacts.table_catalog import Catalog
+from kb.artifacts.texts import exported_files
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export.rows import Row, check_rows, json_list, sorted_rows
@@ -76,10 +79,10 @@ _TEACHES = re.compile(
 TYPES = {"poll": "text", "gallery": "image"}
 
 
-def youtube(run: Run) -> Summary:
+def youtube(run: Run, out: Path | None = None) -> Summary:
     """Writes both lists of videos, sorted by id. Raises FatalError without clean rows, DiskFull."""
     check_rows(run.root, "youtube/videos")
-    path = Layout(run.root).export("minedojo", "youtube_full.json")
+    path = (out or Layout(run.root).export("minedojo")) / "youtube_full.json"
     count = 0
     with json_list(path) as add, json_list(path.with_name("youtube_tutorial.json")) as add_tutorial:
         for row in sorted_rows(run.root, "youtube/videos", list(YOUTUBE.values()), ["video_id"]):
@@ -91,12 +94,12 @@ def youtube(run: Run) -> Summary:
     return Summary(format="minedojo", videos=count, path=str(path))
 
 
-def reddit(run: Run) -> Summary:
+def reddit(run: Run, out: Path | None = None) -> Summary:
     """Writes the list of posts, sorted by id. Raises FatalError without clean rows, DamagedData,
     DiskFull.
     """
     check_rows(run.root, "reddit/posts")
-    path = Layout(run.root).export("minedojo", "reddit.json")
+    path = (out or Layout(run.root).export("minedojo")) / "reddit.json"
     count = 0
     with json_list(path) as add:
         for row in sorted_rows(run.root, "reddit/posts", ["post_id", "type"], ["post_id"]):
@@ -148,12 +151,13 @@ _SAMPLES = 10  # pages
 _BOX = ["x", "y", "width", "height"]
 
 
-def wiki(run: Run) -> Summary:
-    """Writes wiki_full and wiki_samples from clean/wiki, one page at a time. Raises FatalError
-    without clean rows, and DiskFull.
+def wiki(run: Run, out: Path | None = None) -> Summary:
+    """Writes wiki_full and wiki_samples, one page at a time: to `out` where it is given, as it is
+    for a download. Raises FatalError without rows, DamagedData, DiskFull.
     """
     check_rows(run.root, "wiki/pages")
-    target = Layout(run.root).export("minedojo", "wiki_full")
+    target = (out or Layout(run.root).export("minedojo")) / "wiki_full"
+    home = _home(run.root)
     count, taken, samples = 0, set(), []
     pages = sorted_rows(
         run.root,
@@ -191,10 +195,10 @@ def wiki(run: Run) -> Summary:
                 samples.append(name)
             folder = fresh / name
             (folder / "images").mkdir(parents=True)
-            _copy(run.root, page["screenshot_path"], folder / "screenshot.png")
+            _copy(home, page["screenshot_path"], folder / "screenshot.png")
             key = page["page_id"]
             rows = (list(table.of(key)) for table in (elements, cells, images))
-            data = _data(run.root, folder, page, *rows)
+            data = _data(home, folder, page, *rows)
             (folder / "data.json").write_text(json.dumps(data, indent=2), encoding="ascii")
             count += 1
     with replacing_folder(target.with_name("wiki_samples")) as fresh:
@@ -203,6 +207,11 @@ def wiki(run: Run) -> Summary:
             for file in ("data.json", "screenshot.png"):
                 shutil.copyfile(target / name / file, fresh / name / file)
     return Summary(format="minedojo", pages=count, path=str(target))
+
+
+def _home(root: Path) -> Path:
+    """Where the paths of rows start from: the data root, or the release folder of a download."""
+    return exported_files(root, "wiki/pages")[0].parent if Catalog(root).is_download else root
 
 
 def _by_page(run: Run, name: str, order: Sequence[str], columns: Sequence[str]) -> RowsByKey:
@@ -258,7 +267,7 @@ def box(row: Row) -> list[float | int]:
 
 
 def _data(
-    root: Path, folder: Path, page: Row, elements: list[Row], cells: list[Row], images: list[Row]
+    home: Path, folder: Path, page: Row, elements: list[Row], cells: list[Row], images: list[Row]
 ) -> Row:
     seen = {row["element_id"]: row for row in elements if row["visible"]}
     of_table = {
@@ -283,7 +292,7 @@ def _data(
             if row["kind"] == "table"
         ],
         "images": [
-            image for row in shown if (image := _image(root, folder, row, seen[row["element_id"]]))
+            image for row in shown if (image := _image(home, folder, row, seen[row["element_id"]]))
         ],
         "sprites": [
             {"text": row["text"] or None, "bbox": box(row)}
@@ -325,17 +334,16 @@ def _table(row: Row, cells: list[Row]) -> Row:
     return {"bbox": box(row), "headers": by_kind[True], "cells": by_kind[False]}
 
 
-def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
+def _image(home: Path, folder: Path, row: Row, element: Row) -> Row | None:
     """One image with its file beside the page; None where the wiki could not give the file."""
     if not row["path"]:
         return None
-    source = captured_file(root, row["path"])
-    name = source.name
+    name = Path(row["path"]).name
     if row["media_type"] == "image/svg+xml":
         name = f"{row['sha256']}-{row['element_id']}.png"
         _crop(folder / "screenshot.png", box(element), folder / "images" / name)
     elif not (folder / "images" / name).exists():
-        _copy(root, row["path"], folder / "images" / name)
+        _copy(home, row["path"], folder / "images" / name)
     return {
         "src": row["src"],
         "path": f"images/{name}",
@@ -345,12 +353,12 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
     }
 
 
-def _copy(root: Path, path: str, target: Path) -> None:
-    """A file beside the raw log. Raises DamagedData for one that is not what was stored."""
-    file = captured_file(root, path)
-    if not sidefiles.is_intact(file):
-        raise sidefiles.lost(root, CAPTURED, [file])
-    target.write_bytes(sidefiles.read_captured(root, path))
+def _copy(home: Path, path: str, target: Path) -> None:
+    """A screenshot or image. Raises DamagedData for one that is not what was stored."""
+    if ".tar/" not in path and not sidefiles.is_intact(file := captured_file(home, path)):
+        raise sidefiles.lost(home, CAPTURED, [file])  # the next crawl fetches it again
+    data, _ = stored_file(home, path)
+    target.write_bytes(data)
 
 
 def _crop(screenshot: Path, where: list[float | int], target: Path) -> None:

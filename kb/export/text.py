@@ -25,11 +25,12 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
-from kb.artifacts import manifest
+from kb.artifacts.texts import exported_files
 from kb.core.context import Run
 from kb.core.engine import executor_of, map_in_order
 from kb.core.errors import FatalError, SettingError
@@ -47,6 +48,7 @@ from kb.store.tables.reading import reading
 TOKENS_A_WORD = 1.3
 LEAST_TOKENS = 32  # of a chunk: less is hardly more than its title
 _GAP = "\n\n"
+SHARD = re.compile(r".+-\d{5}-of-\d{5}\.parquet")
 # Longer ones are addresses, code or base64, of which tokenizers make tokens of one or two signs.
 _LONGEST_WORD = 20
 _SIGNS_A_TOKEN = 1.5
@@ -90,6 +92,10 @@ class TextOptions(NamedTuple):
         return f"words × {TOKENS_A_WORD}, as are signs of scripts without spaces"
 
 
+TextFiles = Mapping[str, Sequence[str]]
+"""The files of each table with rows of the same items."""
+
+
 class DocumentSource(Protocol):
     """A source whose texts are exported."""
 
@@ -97,15 +103,16 @@ class DocumentSource(Protocol):
     def declared(self) -> SourceDeclaration:
         """Its declaration."""
 
-    def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:
-        """The documents of one bucket: `files` of the `textual` tables, "" for one without rows,
+    def text_documents(self, files: TextFiles, origin: str) -> Iterator[TextDocument]:
+        """The documents of one bucket: `files` of the `textual` tables, none for one without rows,
         and the address of the service. Raises DamagedData.
         """
 
 
-def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
-    """clean/<source> to export/text/<source>.jsonl, chunks to <source>-chunks.jsonl, as TextOptions
-    say. Without kept rows the file is empty.
+def export(run: Run, of: DocumentSource, out: Path | None = None, **asked: Any) -> Summary:
+    """Kept or restored rows to export/text/<source>.jsonl, chunks to <source>-chunks.jsonl, as
+    TextOptions say; both to `out` where it is given, as it is for a download. Without such rows the
+    file is empty.
 
     Raises FatalError where nothing was filtered yet, SettingError for a file that is no tokenizer,
     MissingExtra, DamagedData, DiskFull.
@@ -115,7 +122,7 @@ def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
         _tokenizer(options.tokenizer)
     source = of.declared.name
     main, *others = (f"{source}/{short}" for short in of.declared.textual)
-    files = {name: manifest.rows(run.root, name) for name in (main, *others)}
+    files = {name: exported_files(run.root, name) for name in (main, *others)}
     parts, every = files[main], [one for some in files.values() for one in some]
     if not every:
         clean = ARTIFACTS[f"clean/{source}"]
@@ -124,7 +131,9 @@ def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
             hint=f"run `{clean.command}` first",
         )
     size = sum(one.stat().st_size for one in every)
-    path = Layout(run.root).export("text", source + (CHUNKS if options.chunk_tokens else ".jsonl"))
+    path = (out or Layout(run.root).export("text")) / (
+        source + (CHUNKS if options.chunk_tokens else ".jsonl")
+    )
     counts: Counter[str] = Counter(documents=0)
     origin = run.profile.service_address(source)
     with (
@@ -134,12 +143,7 @@ def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
         temporary.open("wb") as file,
         run.progress.task(f"{source} as text", total=len(parts), unit="parts") as task,
     ):
-        # Of each table the file with the rows of the same bucket, "" where it has none.
-        at = {name: {one.name: str(one) for one in some} for name, some in files.items()}
-        tasks = (
-            (of, {name: some.get(part.name, "") for name, some in at.items()}, origin, options)
-            for part in parts
-        )
+        tasks = ((of, bucket, origin, options) for bucket in _buckets(files, main))
         for lines, counted in map_in_order(executor, _lines, tasks, executor.window):
             file.write(lines)
             counts += counted
@@ -150,8 +154,20 @@ def export(run: Run, of: DocumentSource, **asked: Any) -> Summary:
     return Summary(format="text", **counts, **contacts, **about_tokens, path=str(path))
 
 
+def _buckets(files: Mapping[str, Sequence[Path]], main: str) -> Iterator[TextFiles]:
+    """Of each table the files with rows of the same items. Clean and restored tables are written in
+    parts, alike in all tables; shards of a release are not, and are read together.
+    """
+    at = {name: {path.name: str(path) for path in paths} for name, paths in files.items()}
+    if any(SHARD.fullmatch(name) for name in at[main]):
+        yield {name: list(paths.values()) for name, paths in at.items()}
+        return
+    for part in at[main]:
+        yield {name: [paths[part]] if part in paths else [] for name, paths in at.items()}
+
+
 def _lines(
-    of: DocumentSource, files: dict[str, str], origin: str, options: TextOptions
+    of: DocumentSource, files: TextFiles, origin: str, options: TextOptions
 ) -> tuple[bytes, Counter[str]]:
     """The lines of one bucket; runs in a worker."""
     counts: Counter[str] = Counter()

@@ -97,7 +97,7 @@ class DocumentPart(NamedTuple):
 
 
 class DocumentScreenshot(NamedTuple):
-    """Where a screenshot is, as kb.reader.wiki_page.stored_png takes it; its size, and the
+    """Where a screenshot is, as kb.artifacts.stored_files.stored_file takes it; its size, and the
     boxes of what stands at the place, in CSS pixels.
     """
 
@@ -108,14 +108,27 @@ class DocumentScreenshot(NamedTuple):
     boxes: list[Box]
 
 
+class TreeLine(NamedTuple):
+    """A line of what something is made of: how deep it stands, its words, and the document of it,
+    "" where there is none.
+    """
+
+    level: int
+    words: str
+    ref: str = ""
+
+
 class AgentDocument(NamedTuple):
-    """A document in parts; `nearest` has their numbers, from the place outward."""
+    """A document in parts; `nearest` has their numbers, from the place outward. `made_of` is what
+    its subject is made of, as far as the document's source knows it.
+    """
 
     facts: str
     title: str
     parts: list[DocumentPart]
     nearest: list[int]
     screenshot: DocumentScreenshot | None = None
+    made_of: Sequence[TreeLine] = ()
 
 
 class DocumentReader(Protocol):

@@ -10,6 +10,7 @@ from kb.mcp.documents import from_link
 from kb.mcp.untrusted_text import AnswerPart, Fence, fit
 from kb.search.answers import SearchHit, search_as_meant
 from kb.search.build import ensure
+from kb.search.coverage import coverage
 from kb.search.ranking import Only
 
 _BUILDING = threading.Lock()  # only one call builds an index
@@ -29,12 +30,14 @@ def run_search(
         run.root, words, sources=chosen, only=only, size=size, entity=entity
     )
     fence = Fence()
+    known = coverage(run.root)
     if not answers:
-        return "No answers. Try other or fewer words, or fewer filters."
+        return f"No answers. Try other or fewer words, or fewer filters. {known}"
     count = "1 answer" if len(answers) == 1 else f"{len(answers)} answers"
     if instead:
         count = f"Nothing has these words; read as {meant!r}: {count}"
     head = f"{fence.note}\n{count}, best first; `read` with a ref returns the surroundings."
+    head += f"\n{known}" * bool(known.lacking)
     parts = [_part(number, one) for number, one in enumerate(answers, 1)]
     return fit(fence, head, parts, _left_out, size)
 

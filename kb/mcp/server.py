@@ -28,6 +28,7 @@ from kb.mcp.untrusted_text import AnswerPart, Fence, cut, fit
 from kb.query.execute import run_isolated
 from kb.query.limits import Limits
 from kb.reader.tables import OpenTables, TableView
+from kb.search.coverage import coverage
 from kb.search.ranking import Only, day_given
 
 ROWS, MOST_ROWS = 100, 1_000
@@ -300,7 +301,7 @@ def run_about(run: Run, size: int) -> str:
     sources = [source for source in SOURCES.values() if source.ref]
     parts = [AnswerPart(_source(opened, one), _licences(opened, one)) for one in sources]
     known = [part for part in parts if part.facts]
-    index = AnswerPart("\n".join(["Indexed for `search`:", *_indexed(run)]), "")
+    index = AnswerPart("\n".join([str(coverage(run.root)), *_indexed(run)]), "")
     short = {view.full: f" (also {name})" for name, view in bare(opened.views).items()}
     views = [
         AnswerPart(

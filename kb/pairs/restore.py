@@ -5,15 +5,18 @@ released number of tokens; a transcript that was edited since, or in another lan
 text.
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts import domain_binding, manifest
+from kb.artifacts.release_folder import ReleaseFolder
 from kb.artifacts.restore import WantedContent
 from kb.core import signals
 from kb.core.config.profile.products import Pairs
@@ -34,7 +37,6 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.state import tombstones
 from kb.store.tables import parquet
-from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import sorted_shards, write_table
 
 
@@ -60,6 +62,7 @@ class TextRestore:
 
     run: Run
     content: WantedContent
+    left: Callable[[], Sequence[str]] = tuple  # the videos that are still to restore
 
     @property
     def wanted(self) -> bool:
@@ -78,29 +81,31 @@ class TextRestore:
         return needed
 
     def plan(self) -> PlanPart:
-        """As `RestoreJob.plan`. Raises DamagedData."""
-        files = [path for one in self.content.of("pairs") for path in one.shards("pairs")]
-        with reading(files):
-            rows = sum(parquet.footer(path).num_rows for path in files)
-        return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)] * self.wanted)
+        """As `RestoreJob.plan`: pairs that have no row yet, or whose video is still to restore.
+        Raises DamagedData.
+        """
+        items = 0
+        restored = _ids(parquet_files(Layout(self.run.root).restored("pairs")), "pair_id")
+        asked = pa.array(self.left(), pa.string())
+        for one in self.content.of("pairs"):
+            rows = _wanted(self.run.root, one, self.content)
+            done = pc.is_in(rows["pair_id"].cast(pa.string()), value_set=restored)
+            waits = pc.is_in(rows["video_id"].cast(pa.string()), value_set=asked)
+            items += pc.sum(pc.or_(pc.invert(done), waits)).as_py() or 0
+        return PlanPart([PlanPhase("texts of pairs, out of the transcripts", items)])
 
     def restore(self) -> Summary:
         """As `RestoreJob.restore`; pairs of removed videos are left out. Raises DamagedData."""
         at, (folder,) = Layout(self.run.root), self.content.of("pairs")
-        own = tombstones.keys(self.run.root, VIDEOS)
-        removed = pa.array(sorted(own | self.content.removed(VIDEOS, "pairs")), pa.string())
-        rows = _read(folder.path)
-        purged = pc.is_in(rows["video_id"].cast(pa.string()), value_set=removed)
         transcripts = parquet_files(at.restored(VIDEOS, "transcripts"))
-        return fill(self.run, rows.filter(pc.invert(purged)), transcripts, "restored/pairs")
+        rows = _wanted(self.run.root, folder, self.content)
+        return fill(self.run, rows, transcripts, "restored/pairs")
 
     def missing(self) -> pa.Table | None:
         """As `RestoreJob.missing`: pairs without text, and whether their video has a transcript."""
         at = Layout(self.run.root)
         transcripts = parquet_files(at.restored(VIDEOS, "transcripts"))
-        columns = [parquet.read_table(path, columns=["video_id"])[0] for path in transcripts]
-        ids = [chunk for column in columns for chunk in column.cast(pa.string()).chunks]
-        videos = pa.chunked_array(ids, pa.string()).combine_chunks()
+        videos = _ids(transcripts, "video_id")
         lists = []
         for path in parquet_files(at.restored("pairs")):
             rows = parquet.read_table(path, columns=["pair_id", "video_id", "text"])
@@ -114,6 +119,21 @@ class TextRestore:
             }
             lists.append(pa.table(listed))
         return pa.concat_tables(lists) if lists else None
+
+
+def _wanted(root: Path, folder: ReleaseFolder, content: WantedContent) -> pa.Table:
+    """The rows of a released index without those of removed videos."""
+    rows = _read(folder.path)
+    own = tombstones.keys(root, VIDEOS)
+    removed = pa.array(sorted(own | content.removed(VIDEOS, "pairs")), pa.string())
+    purged = pc.is_in(rows["video_id"].cast(pa.string()), value_set=removed)
+    return rows.filter(pc.invert(purged))
+
+
+def _ids(files: Sequence[Path], name: str) -> pa.Array[Any]:
+    columns = [parquet.read_table(path, columns=[name])[0] for path in files]
+    chunks = [chunk for column in columns for chunk in column.cast(pa.string()).chunks]
+    return pa.chunked_array(chunks, pa.string()).combine_chunks()
 
 
 def fill(

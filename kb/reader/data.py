@@ -10,13 +10,13 @@ from typing import Any
 from kb import query
 from kb.artifacts import remote_release, table_catalog
 from kb.artifacts.table_catalog import Catalog, View
-from kb.reader import clips, html, thread, video, wiki_page
+from kb.reader import clips, html, recipe_tree, thread, video, wiki_page
 from kb.reader.hints import with_hints
 from kb.reader.tables import OpenTables, QueryResult, Tables, TableView
 from kb.search.ranking import Only, day_given
 
 Place = str | os.PathLike[str]
-_METHODS = ("sql", "video", "page", "thread", "clips", "search")
+_METHODS = ("sql", "video", "page", "recipe_tree", "thread", "clips", "search")
 
 
 @with_hints
@@ -100,6 +100,20 @@ class Data:
         data.page("Creeper").boxes("table").draw()
         """
         return wiki_page.find(self._opened, id_or_title)
+
+    @with_hints
+    def recipe_tree(self, name: str, /, quantity: int = 1) -> dict[str, Any]:
+        """What has to be made and gathered for so many of a thing, by the wiki's recipes.
+
+            data.recipe_tree("Diamond Pickaxe")
+
+        Nested dictionaries: `item`, `page_id`, `quantity`, `station`, `recipe_id` and `needs`, a
+        list of the same, empty for what no recipe makes. Of several recipes one is followed, of
+        alternatives the first. A thing that is above itself has no `needs` and `cycle = True`.
+
+        Raises UsageError for a name that no recipe has.
+        """
+        return recipe_tree.RecipeGraph(self._opened).tree(name, quantity)
 
     @with_hints
     def thread(self, post_id: str, /) -> thread.Thread:

@@ -5,18 +5,15 @@ from a release's tars or a data root. Pictures need Pillow.
 from __future__ import annotations
 
 import base64
-import hashlib
 import io
-import json
 import struct
-import tarfile
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import pyarrow as pa
 
+from kb.artifacts.stored_files import stored_file
 from kb.artifacts.table_catalog import View
 from kb.core.errors import DamagedData, KbError, UsageError
 from kb.core.suggestions import did_you_mean, similar
@@ -25,15 +22,12 @@ from kb.reader.hints import with_hints
 from kb.reader.tables import OpenTables, QueryResult, needs
 from kb.schema.conformity import value_problem
 from kb.schema.tables import table
-from kb.store.damage import DOWNLOAD, missing, open_file, opening, unreadable
-from kb.store.rawlog.sidefiles import read_captured
-from kb.store.tables.checksums import opened, short_lines
-from kb.store.tables.remote_files import RemoteFolder, reading_at
+from kb.store.damage import DOWNLOAD, opening
+from kb.store.tables.remote_files import RemoteFolder
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture
 
-INDEX = "index.ndjson"
 COLOURS = {
     "text": "#0072b2",
     "image": "#d55e00",
@@ -46,7 +40,6 @@ COLOURS = {
 }
 _LINE = 2  # CSS px
 _PIXELS = 400_000_000  # of a screenshot: 100,000 px of height, and twice the usual width
-_BYTES = 200_000_000  # of a screenshot's file
 _PNG = b"\x89PNG\r\n\x1a\n"
 _THUMBNAIL = (480, 640)  # px of an image in a notebook, at most; what is below is cut off
 
@@ -101,7 +94,7 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     from PIL import Image
 
     _check_size(row)
-    data, where = stored_png(home, row["screenshot_path"])
+    data, where = stored_file(home, row["screenshot_path"])
     scale = row["device_pixel_ratio"]
     wanted = [round(row["page_width"] * scale), round(row["page_height"] * scale)]
     # Width and height of a PNG are in its header.
@@ -149,87 +142,6 @@ def outlined(image: Picture, boxes: Iterable[Box], scale: float) -> Picture:
     return copy
 
 
-def stored_png(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
-    """A screenshot's bytes, and where they are: `<tar>/<member>` of a release, or a data root's
-    file. Raises DamagedData.
-    """
-    tar, slash, member = path.partition("/")
-    if isinstance(home, RemoteFolder):
-        return _remote_member(home, tar, member), f"{home}/{tar}: {member}"
-    if slash and tar.endswith(".tar") and "/" not in member:
-        return _member(home / tar, member), f"{home / tar}: {member}"
-    return read_captured(home, path), str(home / path)
-
-
-def _member(tar: Path, member: str) -> bytes:
-    if not tar.exists():
-        raise missing([tar], "download it into the folder of the tables")
-    index = tar.parent / INDEX
-    entries = _read(index, index.stat().st_mtime_ns) if index.exists() else {}
-    entry = entries.get((tar.name, member))
-    if entry is None:
-        return _searched(tar, member)
-    with opening(tar), open_file(tar, DOWNLOAD) as file:  # the entry describes the very bytes
-        return _verified(file, entry, str(tar))
-
-
-def _remote_member(folder: RemoteFolder, tar: str, member: str) -> bytes:
-    entry = _remote_index(folder).get((tar, member))
-    if entry is None or tar not in folder.sizes:
-        raise DamagedData(f"{folder} has no {tar}/{member}", hint="publish the release again")
-    with folder.open(tar) as file, reading_at(f"{folder}/{tar}"):
-        return _verified(file, entry, f"{folder}/{tar}")
-
-
-def _verified(file: BinaryIO, entry: dict[str, Any], tar: str) -> bytes:
-    file.seek(entry["offset"])
-    data = file.read(entry["size"])
-    if hashlib.sha256(data).hexdigest() != entry["sha256"]:
-        member = entry["member"]
-        raise DamagedData(f"{tar} is damaged: checksum mismatch of {member}", hint=DOWNLOAD)
-    return data
-
-
-def _searched(tar: Path, member: str) -> bytes:
-    """A member found without an index, by reading the tar from its start."""
-    try:
-        with opened(tar, DOWNLOAD) as stored, tarfile.open(fileobj=stored, mode="r:") as archive:
-            entry = archive.getmember(member)
-            file = archive.extractfile(entry) if entry.isreg() and entry.size <= _BYTES else None
-            if file is not None:
-                return file.read()
-    except (tarfile.TarError, KeyError, OSError, ValueError, RecursionError) as error:
-        raise DamagedData(f"{tar} has no {member}: {error}", hint=DOWNLOAD) from None
-    raise DamagedData(f"{tar} has no {member}", hint=DOWNLOAD)
-
-
-@lru_cache(maxsize=4)
-def _read(path: Path, changed: int) -> dict[tuple[str, str], dict[str, Any]]:
-    return _entries(short_lines(path, DOWNLOAD), str(path))
-
-
-@lru_cache(maxsize=4)
-def _remote_index(folder: RemoteFolder) -> dict[tuple[str, str], dict[str, Any]]:
-    return _entries(folder.read(INDEX).splitlines(), f"{folder}/{INDEX}")
-
-
-def _entries(lines: Iterable[bytes], place: str) -> dict[tuple[str, str], dict[str, Any]]:
-    members = {}
-    for number, line in enumerate(lines, start=1):
-        try:
-            entry = json.loads(line)
-            members[entry["tar"], entry["member"]] = entry
-            valid = isinstance(entry["sha256"], str) and all(
-                type(entry[name]) is int and 0 <= entry[name] <= most
-                for name, most in (("offset", 1 << 62), ("size", _BYTES))
-            )
-            if not valid:
-                raise ValueError
-        except (ValueError, KeyError, TypeError, RecursionError):
-            raise unreadable(place, f"line {number} is not an entry", DOWNLOAD) from None
-    return members
-
-
 class Page:
     """One wiki page.
 
@@ -237,8 +149,11 @@ class Page:
     page.title, page.url, page.row["license"]
     page.screenshot()                   # a Pillow image
     page.boxes("table")                 # a list of Box; .draw() draws them
-    page.elements, page.cells, page.images      # the page's rows
-    page.facts, page.recipes                    # from its infoboxes and recipes
+    page.text                           # Markdown
+    page.elements, page.cells           # the page's rows
+    page.links, page.categories         # where it leads, and what it is filed under
+    page.images                         # rows; .open(0) is the first one's file as an image
+    page.facts, page.recipes            # from its infoboxes and recipes
     """
 
     def __init__(self, opened: OpenTables, view: View, row: dict[str, Any]) -> None:
@@ -270,9 +185,26 @@ class Page:
         return self._rows("cells", "table_id, row_index, column_index")
 
     @property
-    def images(self) -> QueryResult:
-        """The page's rows of wiki_images."""
-        return self._rows("images", "element_id, frame_index")
+    def text(self) -> str:
+        """The page as Markdown, from wiki_page_text."""
+        (row,) = self._rows("page_text", "page_id").to_pylist() or [{"text": ""}]
+        return str(row["text"])
+
+    @property
+    def links(self) -> QueryResult:
+        """The page's rows of wiki_page_links: the pages that it leads to."""
+        return self._rows("page_links", "target_title, section, region, text")
+
+    @property
+    def categories(self) -> QueryResult:
+        """The page's rows of wiki_categories."""
+        return self._rows("categories", "category")
+
+    @property
+    def images(self) -> Images:
+        """The page's rows of wiki_images, with their files."""
+        rows = self._rows("images", "element_id, frame_index")
+        return Images(rows.to_table(), self._view.home)
 
     @property
     def facts(self) -> QueryResult:
@@ -282,7 +214,7 @@ class Page:
     @property
     def recipes(self) -> QueryResult:
         """The page's rows of wiki_recipes: the contents of each slot."""
-        return self._rows("recipes", "recipe_id, slot, alternative")
+        return self._rows("recipes", "recipe_index, slot, alternative")
 
     @with_hints
     def screenshot(self) -> Picture:
@@ -332,6 +264,39 @@ class Page:
 
     def __repr__(self) -> str:
         return f"<wiki page {self.page_id}: {self.title}>"
+
+
+class Images(QueryResult):
+    """Rows of wiki_images, whose files open."""
+
+    def __init__(self, rows: pa.Table, home: Path | RemoteFolder) -> None:
+        super().__init__(rows)
+        self._home = home
+
+    @with_hints
+    def open(self, number: int) -> Picture:
+        """The file of a row as a Pillow image: an animation with all its frames.
+
+            data.page("Creeper").images.open(0).show()
+
+        Raises UsageError for a row without a file or with one that Pillow can't read (SVG),
+        MissingExtra without Pillow, DamagedData for a file that is missing or was changed.
+        """
+        needs("PIL", install="pillow")
+        from PIL import Image, UnidentifiedImageError
+
+        row = self.to_table().slice(range(self.count_rows())[number], 1).to_pylist()[0]
+        if row["path"] is None:
+            raise UsageError(
+                f"row {number} has no file", hint=f"the wiki's file is at {row['src']}"
+            )
+        data, where = stored_file(self._home, row["path"])
+        try:
+            return Image.open(io.BytesIO(data))
+        except UnidentifiedImageError:
+            raise UsageError(
+                f"Pillow can't read {row['media_type']}", hint=f"the file is {where}"
+            ) from None
 
 
 class Boxes(list[Box]):

@@ -7,11 +7,11 @@ known, as `[…]`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from kb.export.text import TextDocument, TextPiece
+from kb.export.text import TextDocument, TextFiles, TextPiece
 from kb.store.tables import parquet
 
 Row = dict[str, Any]
@@ -24,15 +24,16 @@ _POST = (
 _COMMENT = ("comment_id", "post_id", "parent_id", "depth", "created_utc", "body")
 
 
-def documents(files: Mapping[str, str], subreddit: str) -> Iterator[TextDocument]:
+def documents(files: TextFiles, subreddit: str) -> Iterator[TextDocument]:
     """The kept posts of one bucket with their comments; `subreddit` is its address. Raises
     DamagedData.
     """
-    path = files["reddit/comments"]
     comments: dict[str, list[Row]] = {}
-    for row in parquet.read_table(path, _COMMENT).to_pylist() if path else ():
-        comments.setdefault(row["post_id"], []).append(row)
-    with parquet.open_file(Path(files["reddit/posts"])) as file:
+    for path in files["reddit/comments"]:
+        for row in parquet.read_table(path, _COMMENT).to_pylist():
+            comments.setdefault(row["post_id"], []).append(row)
+    (posts,) = files["reddit/posts"]
+    with parquet.open_file(Path(posts)) as file:
         for batch in file.iter_batches(columns=list(_POST)):
             for post in batch.to_pylist():
                 options = "\n".join(f"- {option}" for option in post["poll_options"] or ())

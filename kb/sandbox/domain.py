@@ -67,6 +67,7 @@ class Domain:
     animation: str = "animated"
     active: str = "animated-active"
     classes: Mapping[str, str] = field(default_factory=lambda: dict(CLASSES))
+    stations: Mapping[str, str] = field(default_factory=dict)  # of recipes, with a word of each
 
 
 def domain_of(profile: Profile) -> Domain:
@@ -158,6 +159,7 @@ def _wiki(profile: Profile) -> dict[str, Any]:
     selectors = {**markup.model_dump(), "infobox": markup.regions.get("infobox", "")}
     given = {name: _first_class(selectors[name]) for name in CLASSES}
     named["classes"] = {name: given[name] or plain for name, plain in CLASSES.items()}
+    named["stations"] = {name: words[0] for name, words in markup.stations.items() if words}
     read = wiki.namespaces
     return {**named, "namespace": read[0] if read and 0 not in read else 0}
 

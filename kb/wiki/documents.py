@@ -1,5 +1,6 @@
 """What `read` shows of a wiki page: its sections with their tables."""
 
+from collections.abc import Iterator
 from typing import Any
 
 from kb.core.errors import UsageError
@@ -9,11 +10,13 @@ from kb.mcp.documents import (
     DocumentPart,
     DocumentScreenshot,
     SourceLocation,
+    TreeLine,
     anchor,
     first_row,
     outward,
 )
 from kb.mcp.search_tool import revision
+from kb.reader.recipe_tree import RecipeGraph
 from kb.reader.tables import OpenTables
 from kb.reader.wiki_page import Box, box
 from kb.search.passage import plain
@@ -86,7 +89,25 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
         parts,
         outward(max(centre, 0), len(parts)),
         _screenshot(opened, key, boxes),
+        list(_made_of(opened, key)),
     )
+
+
+def _made_of(opened: OpenTables, key: int) -> Iterator[TreeLine]:
+    """The tree of the first thing that a recipe makes and whose page this is."""
+    product = first_row(opened, "wiki_recipe_edges", "product_page_id = ?", [key])
+    if product is not None:
+        waiting = [(0, RecipeGraph(opened).tree(product["product"], 1))]
+        while waiting and (node := waiting.pop()):
+            level, thing = node
+            words = f"{thing['quantity']:,} × {plain(thing['item'])}"
+            if thing["station"]:
+                words += f" ({thing['station']})"
+            elif thing.get("cycle"):
+                words += " (as above)"
+            page = thing["page_id"]
+            yield TreeLine(level, words, f"wiki:{page}" if page is not None and level else "")
+            waiting += [(level + 1, below) for below in reversed(thing["needs"])]
 
 
 def _blocks(

@@ -16,11 +16,11 @@ from urllib.parse import quote
 from kb.core.config.profile import Profile
 from kb.search.passage import MOST_WORDS, Passage, day, pieces, plain, rows
 from kb.store.tables.merge import RowsByKey
+from kb.wiki.markdown import is_left_out
 
 _PAGE = ["page_id", "title", "url", "revision_id", "revision_timestamp", "license"]
 _ELEMENT = ["page_id", "element_id", "parent_id", "kind", "tag", "region", "heading_level"]
 _CELL = ["page_id", "table_id", "row_index", "column_index", "text"]
-_LEFT_OUT = ("toc", "navbox")
 _ANCHOR = "!$'()*,-./:;=?@_~"  # what a fragment may hold as it is
 
 
@@ -103,11 +103,6 @@ def sections(
             section = _begun(headings, anchors)
             section.elements.append(key)
     yield section
-
-
-def is_left_out(element: dict[str, Any]) -> bool:
-    """Whether an element is no part of a page's text: boxes of links, and what it never shows."""
-    return element["region"] in _LEFT_OUT or not (element["visible"] or element.get("folded"))
 
 
 def _begun(headings: list[tuple[int, str]], anchors: Counter[str]) -> PageSection:

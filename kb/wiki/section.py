@@ -113,6 +113,12 @@ class Markup(Section):
     slot_row: str = Field("", description="rows of its grid")
     slot_output: str = Field("", description="container of the result's slots")
     quantity: str = Field("", description="how many there are in a slot")
+    stations: dict[str, tuple[str, ...]] = Field(
+        default_factory=dict,
+        description="what recipes are made with: a station's name, and words of which one stands in"
+        " what a recipe's grid calls itself (its classes, its picture), in the caption of its table"
+        ' or in a heading above it; recipes without one are "other"',
+    )
     item: str = Field(
         "",
         description="expression whose group is a thing's name in longer texts of icons and slots",

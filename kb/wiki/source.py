@@ -12,6 +12,7 @@ from kb.source import Source
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
+    from kb.artifacts.card_answers import CardAnswer
     from kb.artifacts.purge import PurgeRules
     from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from kb.core.summary import Summary
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
-    from kb.export.text import TextDocument
+    from kb.export.text import TextDocument, TextFiles
     from kb.links.texts import TextPart
     from kb.mcp.documents import AgentDocument, SourceLocation
     from kb.reader.tables import OpenTables
@@ -84,6 +85,13 @@ class Wiki(Source):
 
         return gaps(con, folder)
 
+    def answers(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> Sequence[CardAnswer]:
+        from kb.wiki.card import answers
+
+        return list(answers(con, root, folder))
+
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import minedojo, text
         from kb.wiki import tar_shards
@@ -94,7 +102,7 @@ class Wiki(Source):
             "text": partial(text.export, of=self),
         }
 
-    def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:
+    def text_documents(self, files: TextFiles, origin: str) -> Iterator[TextDocument]:
         from kb.wiki.text import documents
 
         return documents(files)

@@ -1,390 +1,66 @@
-"""Wiki pages as Markdown for language models, out of elements, cells, facts and recipes in reading
-order.
-
-Headings have their level, lists their depth. A table is a Markdown table with the words of a cell
-in every place that it spans; its nested tables and recipes follow it. An infobox
-without a table is made one by its facts. A recipe is a grid of its slots. Links to pages of the
-wiki name their titles, `[a pit](Fire pit)`, and icons stand as their names where the words do not
-say them. Tables of contents, boxes of links and what a page neither shows nor offers to show are
-left out.
-"""
+"""Wiki pages as documents of the text export: wiki/page_text in its blocks."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from kb.core.cached_property import cached_property
-from kb.export.text import TextDocument, TextPiece
+from kb.export.text import TextDocument, TextFiles, TextPiece
 from kb.schema.tables import table
 from kb.store.tables.merge import Merge, RowsByKey
 from kb.store.tables.shard_writer import order
-from kb.wiki.passages import is_left_out
-
-Row = dict[str, Any]
-Grid = list[list[str]]
+from kb.wiki.markdown import GAP
 
 _PAGE = (
     *("page_id", "title", "url", "license", "contributors_url", "revision_id"),
     *("revision_timestamp", "fetched_at"),
 )
-_COLUMNS = {
-    "elements": (
-        *("page_id", "element_id", "parent_id", "kind", "tag", "region", "heading_level", "text"),
-        *("visible", "folded", "marks"),
-    ),
-    "cells": (
-        *("page_id", "table_id", "row_index", "column_index", "row_span", "column_span", "text"),
-        "element_id",
-    ),
-    "facts": ("page_id", "fact_id", "field", "element_id"),
-    "recipes": (
-        *("page_id", "recipe_id", "slot", "role", "row_index", "column_index", "alternative"),
-        *("item", "quantity", "element_id"),
-    ),
-}
-_LISTS = ("ul", "ol", "dl")
 _AHEAD = 4_096  # rows that are read ahead
-# What Markdown would take for a mark at the beginning of a line.
-_MARK = re.compile(r"^(?=#{1,6} |>|\||[-+*] |```|~~~|=+$|-{3,}$)", re.MULTILINE)
-_AMOUNT = re.compile(r"[\d\s.,×x/–-]*")
+_HEADING = re.compile("(#{1,6}) ")
+_FENCE = ("```", "~~~~")  # no line of a text begins with one
 
 
-def documents(files: Mapping[str, str]) -> Iterator[TextDocument]:
+def documents(files: TextFiles) -> Iterator[TextDocument]:
     """The kept pages of one bucket, by id. Raises DamagedData."""
-    parts = {name: RowsByKey(_rows(files, name), "page_id") for name in _COLUMNS}
-    for page in _rows(files, "pages"):
-        key = page["page_id"]
-        own = {name: list(rows.of(key)) for name, rows in parts.items()}
+    texts = RowsByKey(_rows(files["wiki/page_text"], "page_text", ("page_id", "text")), "page_id")
+    for page in _rows(files["wiki/pages"], "pages", _PAGE):
+        (own,) = texts.of(page["page_id"])
         yield TextDocument(
-            str(key),
+            str(page["page_id"]),
             page["title"],
-            list(PageText(**own).pieces()),
+            [_piece(block) for block in _blocks(own["text"])][1:],  # without its title
             page["fetched_at"],
             page["revision_timestamp"],
-            {
-                "url": page["url"],
-                "license": page["license"],
-                "contributors_url": page["contributors_url"],
-                "revision_id": page["revision_id"],
-            },
+            {name: page[name] for name in ("url", "license", "contributors_url", "revision_id")},
         )
 
 
-def _rows(files: Mapping[str, str], short: str) -> Iterator[Row]:
-    path, columns = files[f"wiki/{short}"], _COLUMNS.get(short, _PAGE)
-    if path:
+def _rows(paths: Sequence[str], short: str, columns: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+    if paths:
         by = order(table(f"wiki/{short}"))
-        with closing(Merge([Path(path)], by, list(columns), ahead=_AHEAD)) as merge:
+        with closing(Merge([*map(Path, paths)], by, list(columns), ahead=_AHEAD)) as merge:
             for rows in merge:
                 yield from rows.to_pylist()
 
 
-class PageText:
-    """One page: its rows of the tables."""
-
-    def __init__(
-        self, elements: list[Row], cells: list[Row], facts: list[Row], recipes: list[Row]
-    ) -> None:
-        self._elements = {element["element_id"]: element for element in elements}
-        self._children: dict[int | None, list[Row]] = {}
-        for element in elements:
-            parent = element["parent_id"] if element["parent_id"] in self._elements else None
-            self._children.setdefault(parent, []).append(element)
-        self._cells: dict[int, list[Row]] = {}
-        for cell in cells:
-            self._cells.setdefault(cell["table_id"], []).append(cell)
-        self._fields = {fact["element_id"]: fact["field"] for fact in reversed(facts)}
-        self._recipes = {
-            number: list(slots)
-            for number, slots in groupby(recipes, lambda slot: slot["recipe_id"])
-        }
-        self._written: set[int] = set()  # recipes
-
-    @cached_property
-    def _slots(self) -> dict[int, int]:
-        """The recipe of each element that stands for a slot."""
-        return {
-            slot["element_id"]: number
-            for number, slots in self._recipes.items()
-            for slot in slots
-            if slot["element_id"] is not None
-        }
-
-    def pieces(self) -> Iterator[TextPiece]:
-        """The blocks of the page, without its title."""
-        tops = self._children.get(None, [])
-        heading = next((element for element in tops if element["kind"] == "text"), None)
-        if heading is not None and heading["heading_level"] == 1:
-            tops = [element for element in tops if element is not heading]
-        yield from self._blocks(tops)
-
-    def _blocks(self, elements: Iterable[Row]) -> Iterator[TextPiece]:
-        waiting: list[Row] = []  # of an infobox without a table, or icons in a row
-        for element in elements:
-            if is_left_out(element):
-                continue
-            kind = _gathered(element)
-            if waiting and kind != _gathered(waiting[0]):
-                yield from self._together(waiting)
-                waiting = []
-            if kind:
-                waiting.append(element)
-            elif element["region"] == "recipe" and element["kind"] != "table":
-                yield from self._recipe_at(element)
-            elif element["kind"] == "table":
-                yield from self._table(element)
-            elif element["kind"] == "text":
-                yield from self._text(element)
-                yield from self._inside(element)
-            else:
-                yield from self._blocks(self._children.get(element["element_id"], ()))
-        if waiting:
-            yield from self._together(waiting)
-
-    def _together(self, elements: Sequence[Row]) -> Iterator[TextPiece]:
-        if _gathered(elements[0]) == "icons":
-            names = [element["text"] for element in elements if element["text"]]
-            if names:
-                yield TextPiece(", ".join(names))
-        else:
-            yield from self._infobox(elements)
-
-    def _inside(self, holder: Row) -> Iterator[TextPiece]:
-        """Tables and recipes within a text or a cell, which its words leave out."""
-        for element in self._children.get(holder["element_id"], ()):
-            if is_left_out(element):
-                continue
-            if element["kind"] == "table":
-                yield from self._table(element)
-            elif element["element_id"] in self._slots:
-                yield from self._recipe(self._slots[element["element_id"]])
-            else:
-                yield from self._inside(element)
-
-    # -- texts -------------------------------------------------------------------------------------
-
-    def _text(self, element: Row) -> Iterator[TextPiece]:
-        level, text = element["heading_level"], element["text"] or ""
-        if not text.strip():
-            return
-        if level and element["region"] != "infobox":
-            yield TextPiece(f"{'#' * level} {' '.join(text.split())}", begins=True, level=level)
-        elif element["tag"] in (*_LISTS, "li", "dt", "dd"):
-            yield TextPiece("\n".join(self._list(element, "")))
-        elif element["tag"] == "pre":
-            fence = "```" if "```" not in text else "~~~~"
-            yield TextPiece(f"{fence}\n{text}\n{fence}")
-        else:
-            words = _escaped(_inline(element))
-            quote = "> " if element["tag"] == "blockquote" else ""
-            yield TextPiece("\n".join(f"{quote}{line}" for line in words.split("\n")))
-
-    def _list(self, element: Row, indent: str, number: int = 0) -> Iterator[str]:
-        """The lines of a list or of one of its points, with what is nested in it."""
-        mark = f"{number}. " if number else "- "
-        own, deeper = indent, indent
-        if element["tag"] not in _LISTS:
-            own, deeper = f"{indent}{mark}", indent + " " * len(mark)
-        count, dt = 0, False
-        for part in self._split(element):
-            if isinstance(part, str):
-                for line in part.split("\n"):
-                    yield f"{own}{line}"
-                    own = deeper
-                continue
-            if own != deeper:  # a point that begins with a list
-                yield own.rstrip()
-                own = deeper
-            count += 1
-            dt = dt or part["tag"] == "dt"
-            below = dt and part["tag"] == "dd"
-            yield from self._list(
-                part, f"{deeper}  " if below else deeper, count if element["tag"] == "ol" else 0
-            )
-
-    def _split(self, element: Row) -> Iterator[str | Row]:
-        """The text of a list or point: its own words, and the points or lists between them."""
-        text, begin = element["text"], 0
-        wanted = ("li", "dt", "dd") if element["tag"] in _LISTS else _LISTS
-        for child in self._nearest(element, wanted):
-            place = re.compile(rf"^{re.escape(child['text'])}$", re.MULTILINE).search(text, begin)
-            if place is None:
-                continue
-            if own := _inline(element, begin, place.start()).strip("\n"):
-                yield own
-            yield child
-            begin = place.end()
-        if (own := _inline(element, begin, len(text)).strip("\n")) or not begin:
-            yield own
-
-    def _nearest(self, element: Row, tags: Sequence[str]) -> Iterator[Row]:
-        for child in self._children.get(element["element_id"], ()):
-            if child["kind"] != "text" or is_left_out(child) or not child["text"]:
-                continue
-            if child["tag"] in tags:
-                yield child
-            else:
-                yield from self._nearest(child, tags)
-
-    # -- tables ------------------------------------------------------------------------------------
-
-    def _table(self, element: Row) -> Iterator[TextPiece]:
-        children = self._children.get(element["element_id"], ())
-        for child in children:
-            if child["kind"] == "text" and child["tag"] == "caption" and not is_left_out(child):
-                yield from self._text(child)
-        grid = self._grid(element["element_id"])
-        if any(map(any, grid)):
-            yield TextPiece(_markdown(grid))
-        yield from self._inside(element)
-
-    def _grid(self, number: int) -> Grid:
-        """The rows of a table with the words of a cell in every place that it covers; without rows
-        that are hidden.
-        """
-        cells = self._cells.get(number, [])
-        height = max((cell["row_index"] + cell["row_span"] for cell in cells), default=0)
-        width = max((cell["column_index"] + cell["column_span"] for cell in cells), default=0)
-        grid = [[""] * width for _ in range(height)]
-        shown = set[int]()
-        for cell in cells:
-            element = self._elements.get(cell["element_id"])
-            if element is not None and is_left_out(element):
-                continue
-            words = self._cell(cell, element)
-            for row in range(cell["row_index"], cell["row_index"] + cell["row_span"]):
-                shown.add(row)
-                for column in range(
-                    cell["column_index"], cell["column_index"] + cell["column_span"]
-                ):
-                    grid[row][column] = words
-        return [row for number, row in enumerate(grid) if number in shown]
-
-    def _cell(self, cell: Row, element: Row | None) -> str:
-        if cell["text"]:
-            return _inline(element if element is not None else cell)
-        below = self._children.get(cell["element_id"], ())
-        icons = (icon for icon in below if icon["kind"] in ("sprite", "animation"))
-        return ", ".join(icon["text"] for icon in icons if icon["text"])
-
-    def _infobox(self, elements: Iterable[Row]) -> Iterator[TextPiece]:
-        """The parts of an infobox that is no table: a row a field with its value, what else stands
-        there a row of its own; paragraphs where no field was read.
-        """
-        rows: Grid = []
-        paired = False
-        for element in self._unfolded(elements):
-            words, field = (
-                " ".join(_inline(element).split()),
-                self._fields.get(element["element_id"]),
-            )
-            label = rows[-1][0] if rows and not rows[-1][1] else ""
-            if label and field and _name(label) == _name(field.rpartition(" › ")[2]):
-                rows[-1][1], paired = words, True
-            elif words:
-                rows.append([words, ""])
-        if not paired:
-            yield from (TextPiece(_escaped(words)) for words, _ in rows)
-            return
-        title = rows.pop(0) if not rows[0][1] else ["", ""]
-        yield TextPiece(_markdown([title, *rows]))
-
-    def _unfolded(self, elements: Iterable[Row]) -> Iterator[Row]:
-        """The texts of an infobox; of lists of terms the terms and their values."""
-        for element in elements:
-            if element["kind"] != "text" or not element["text"]:
-                continue
-            terms = [*self._nearest(element, ("dt", "dd"))] if element["tag"] == "dl" else []
-            yield from terms or [element]
-
-    # -- recipes -----------------------------------------------------------------------------------
-
-    def _recipe_at(self, element: Row) -> Iterator[TextPiece]:
-        """A recipe where its first slot stands; other words of it as they are."""
-        number = self._slots.get(element["element_id"])
-        if number is not None:
-            yield from self._recipe(number)
-        else:
-            if element["kind"] == "text" and not _AMOUNT.fullmatch(element["text"] or ""):
-                yield from self._text(element)
-            yield from self._inside(element)
-
-    def _recipe(self, number: int) -> Iterator[TextPiece]:
-        """A grid of what goes in, then what comes out behind an arrow."""
-        if number in self._written:
-            return
-        self._written.add(number)
-        given: dict[tuple[int, int], list[str]] = {}
-        made: dict[tuple[int, int], list[str]] = {}
-        for slot in self._recipes[number]:
-            places = given if slot["role"] == "input" else made
-            place = places.setdefault((slot["row_index"], slot["column_index"]), [])
-            amount = f" ×{slot['quantity']}" if (slot["quantity"] or 1) > 1 else ""
-            named = f"{slot['item']}{amount}" if slot["item"] else ""
-            if named and named not in place:  # several are shown in turn
-                place.append(named)
-        if any(given.values()):
-            height, width = (max(place[axis] for place in given) + 1 for axis in (0, 1))
-            rows = [
-                [given.get((row, column), []) for column in range(width)] for row in range(height)
-            ]
-            yield TextPiece(_markdown([[" / ".join(names) for names in row] for row in rows]))
-        if any(made.values()):
-            yield TextPiece("→ " + ", ".join(" / ".join(names) for names in made.values() if names))
+def _blocks(text: str) -> Iterator[str]:
+    """The blocks of a text; what stands between two fences is one, with its empty lines."""
+    block: list[str] = []
+    fence = ""
+    for part in text.split(GAP):
+        block.append(part)
+        if not fence:
+            fence = next((mark for mark in _FENCE if part.startswith(mark)), "")
+        if not fence or (part.endswith(f"\n{fence}")):
+            yield GAP.join(block)
+            block, fence = [], ""
+    if block:
+        yield GAP.join(block)
 
 
-def _gathered(element: Row) -> str:
-    """What an element is written together with."""
-    if element["region"] == "infobox" and element["kind"] != "table":
-        return "infobox"
-    return "icons" if element["kind"] == "sprite" and element["region"] != "recipe" else ""
-
-
-def _inline(element: Row, begin: int = 0, end: int | None = None) -> str:
-    """A text from `begin` to `end` with its links, and with names of icons that it does not say."""
-    text = element["text"] or ""
-    end = len(text) if end is None else end
-    if not element.get("marks"):
-        return text[begin:end]
-    out, at, folded = "", begin, text.casefold()
-    for mark in sorted(element["marks"], key=lambda mark: (mark["start"], mark["end"])):
-        start, stop, title = mark["start"], mark["end"], mark["title"]
-        if not title or start < at or stop > end or (start >= end and start != len(text)):
-            continue
-        if start == stop:
-            if title.casefold() in folded:
-                continue
-            gap = (
-                ""
-                if (not text[at:start] and not out) or text[:start].endswith((" ", "\n"))
-                else " "
-            )
-            behind = "" if text[start : start + 1] in ("", " ", ".", ",", ")", "\n") else " "
-            out, at = f"{out}{text[at:start]}{gap}{title}{behind}", start
-        elif label := text[start:stop].strip():
-            shown = re.sub(r"([\[\]])", r"\\\1", label)
-            target = f"<{title}>" if re.search(r"[\s()<>]", title) else title
-            out, at = f"{out}{text[at:start]}[{shown}]({target})", stop
-    return out + text[at:end]
-
-
-def _escaped(text: str) -> str:
-    return _MARK.sub(r"\\", text)
-
-
-def _name(text: str) -> str:
-    return text.strip().rstrip(":：").rstrip().casefold()
-
-
-def _markdown(grid: Grid) -> str:
-    """A table whose first row is the head."""
-    lines = [
-        "| " + " | ".join(" ".join(words.split()).replace("|", "\\|") for words in row) + " |"
-        for row in grid
-    ]
-    return "\n".join([lines[0], "|" + " --- |" * len(grid[0]), *lines[1:]])
+def _piece(block: str) -> TextPiece:
+    heading = _HEADING.match(block)
+    return TextPiece(block, begins=bool(heading), level=len(heading[1]) if heading else 0)

@@ -96,9 +96,9 @@ class VideoRestore:
 
     def plan(self) -> PlanPart:
         """As `RestoreJob.plan`."""
-        if not self.wanted:
+        if not (left := self.left()):
             return PlanPart()
-        videos, transcripts = phases_of_known(self.run, len(self.left()))
+        videos, transcripts = phases_of_known(self.run, len(left))
         key = self.run.settings.named("youtube_api_key")
         phases = [videos.of(f"YouTube's Data API, {key}"), transcripts.of("youtube.com, no key")]
         return PlanPart(phases, [f"{REQUESTS_A_TRANSCRIPT} requests a transcript"])

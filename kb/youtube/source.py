@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from kb.core.summary import Summary
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
-    from kb.export.text import TextDocument
+    from kb.export.text import TextDocument, TextFiles
     from kb.links.texts import TextPart
     from kb.mcp.documents import AgentDocument, SourceLocation
     from kb.reader.tables import OpenTables
@@ -89,7 +89,7 @@ class YouTube(Source):
 
         return {"minedojo": minedojo.youtube, "text": partial(text.export, of=self)}
 
-    def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:
+    def text_documents(self, files: TextFiles, origin: str) -> Iterator[TextDocument]:
         from kb.youtube.text import documents
 
         return documents(files)

@@ -4,7 +4,7 @@ at each.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import accumulate, pairwise
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.installation import np
-from kb.export.text import TextDocument, TextPiece
+from kb.export.text import TextDocument, TextFiles, TextPiece
 from kb.store.tables import parquet
 
 PAUSE_S = 2.0  # silence that ends a paragraph, however short
@@ -25,12 +25,12 @@ _VIDEO = (
 )
 
 
-def documents(files: Mapping[str, str]) -> Iterator[TextDocument]:
+def documents(files: TextFiles) -> Iterator[TextDocument]:
     """The kept videos with a transcript of one bucket, by id. Raises DamagedData."""
-    spoken, known = Path(files["youtube/transcripts"]), files["youtube/videos"]
-    videos = parquet.read_table(known, _VIDEO).to_pylist() if known else []
-    by_id = {one["video_id"]: one for one in videos}
-    with parquet.open_file(spoken) as file:
+    videos = (parquet.read_table(path, _VIDEO) for path in files["youtube/videos"])
+    by_id = {video["video_id"]: video for rows in videos for video in rows.to_pylist()}
+    (spoken,) = files["youtube/transcripts"]
+    with parquet.open_file(Path(spoken)) as file:
         for batch in file.iter_batches(_ROWS, columns=["video_id", "kind", "language", *_CUES]):
             for row, pieces in _spoken(batch):
                 if (video := by_id.get(row["video_id"])) is None:

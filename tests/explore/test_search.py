@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 import pytest
 
+import kb
 from kb.artifacts import index
 from kb.store.artifact_registry import MANIFEST
 from tests.explore.conftest import UNPRIVILEGED, Explored, explored
@@ -159,3 +160,12 @@ def test_search_keeps_its_form_while_the_index_is_replaced(wiki: Path, here: Her
         assert answer.status == 200
         assert said in answer.text
         assert '<input type="search" name="words" value="creeper">' in answer.text
+
+
+def test_a_pages_document_shows_what_its_thing_is_made_of(demo: Path, demo_pages: Explored) -> None:
+    tree = kb.load(demo / "data" / "demo").recipe_tree("Crafting Table")
+    page = demo_pages.ask(f"/document?ref=wiki:{tree['page_id']}").text
+    assert f"1 × Crafting Table ({tree['station']})" in page
+    for need in tree["needs"]:
+        assert f"{need['quantity']:,} × {need['item']}" in page
+        assert f'href="/document?ref=wiki%3A{need["page_id"]}"' in page

@@ -153,7 +153,7 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
     made["wiki/recipes"] = [
         {
             "page_id": page["page_id"],
-            "recipe_id": 0,
+            "recipe_index": 0,
             "slot": slot,
             "role": ("input", "output")[slot],
             "row_index": 0,
@@ -187,6 +187,43 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
         for r in range(3)
         for c in range(2)
     ]
+    text = "# {}\n\n## Uses\n\nWords of a page about a thing."
+    for page in made["wiki/pages"]:
+        key, title = page["page_id"], page["title"]
+        of = {"page_id": key}
+        made.setdefault("wiki/page_text", []).append(
+            {**of, "text": text.format(title), "word_count": len(text.format(title).split())}
+        )
+        made.setdefault("wiki/page_links", []).append(
+            {
+                **of,
+                "target_page_id": 1,
+                "target_title": made["wiki/pages"][0]["title"],
+                "section": "Uses",
+                "region": "content",
+                "text": "a thing",
+                "count": 1,
+            }
+        )
+        made.setdefault("wiki/categories", []).append({**of, "category": "Things"})
+        made.setdefault("wiki/redirects", []).append({"title": f"Old {title}", **of})
+        made.setdefault("wiki/recipe_edges", []).append(
+            {
+                **of,
+                "recipe_id": f"{key}-0",
+                "slot": 0,
+                "station": "crafting",
+                "product": title,
+                "product_slot": 9,
+                "product_page_id": key,
+                "product_quantity": 1,
+                "ingredient": "Ash",
+                "ingredient_page_id": None,
+                "ingredient_quantity": 2,
+                "alternatives": [],
+                "revision_id": page["revision_id"],
+            }
+        )
     made["wiki/images"] = [
         {
             "page_id": page["page_id"],
@@ -409,7 +446,7 @@ def build(
 
 def archived(root: Path) -> None:
     """The wiki's files, and its export: tables, tars and their index."""
-    from kb.export import tar_shards
+    from kb.wiki import tar_shards
     from tests.release.conftest import a_run
 
     for column, what in (

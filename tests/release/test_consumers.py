@@ -226,7 +226,7 @@ def test_every_row_comes_once_for_who_reads_all_parquet_files(
     others = {
         path.name
         for path in (downloaded / source).glob("*.parquet")
-        if not re.fullmatch(r"[a-z]+-\d{5}-of-\d{5}\.parquet", path.name)
+        if not re.fullmatch(r"[a-z_]+-\d{5}-of-\d{5}\.parquet", path.name)
     }
     assert not others
 

@@ -60,3 +60,25 @@ def test_an_id_has_one_type_in_all_released_tables() -> None:
                 assert column.type == "timestamp[us, UTC]"
     kinds.pop("parent_id")  # a full name at Reddit, an element in the wiki
     assert not {name: types for name, types in kinds.items() if len(types) > 1}
+
+
+def test_descriptions_say_more_than_the_name_and_nothing_of_how_rows_were_collected() -> None:
+    from kb.schema import tables
+
+    for declared in tables().values():
+        for column in declared.columns if declared.released else ():
+            if not column.released:
+                continue
+            words = column.name.replace("_", " ")
+            assert not re.match(rf"(the )?{words}s?\b", column.doc, re.IGNORECASE), column.doc
+            told = f"{column.doc} {column.why_null}"
+            assert not re.search(r"\b(stages?|crawl\w*|frontier|ledger)\b", told), told
+
+
+@pytest.mark.parametrize("source", JOINED)
+def test_a_card_has_no_words_of_a_crawler(downloaded_demo: Path, source: str) -> None:
+    card = (downloaded_demo / source / "README.md").read_text(encoding="utf-8")
+    text = card[card.index("\n# ") :].replace("lorecrawl", "").replace("Lorecrawl", "")
+    settings = text.index("| setting | value |")
+    told = text[:settings] + text[text.index("## Changes") :]
+    assert not re.search(r"\b(crawl\w*|frontier|ledger|raw answers?|kb refresh)\b", told)

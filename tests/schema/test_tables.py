@@ -62,7 +62,7 @@ CONTRACT = {
     ),
     "wiki/recipes": (
         (
-            "page_id recipe_id slot role row_index column_index alternative item quantity"
+            "page_id recipe_index slot role row_index column_index alternative item quantity"
             " element_id visible revision_id"
         ),
         "",

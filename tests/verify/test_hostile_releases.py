@@ -18,8 +18,8 @@ import pytest
 
 import kb
 from kb.artifacts import manifest, release_folder
+from kb.artifacts.stored_files import stored_file
 from kb.core.errors import DamagedData
-from kb.reader.wiki_page import stored_png
 from kb.release.gate import tables
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import SMALL
@@ -398,4 +398,4 @@ def test_a_tar_without_an_index_gives_files_alone(tmp_path: Path, how: str) -> N
         data[:512] = info.tobuf()[:512]
         path.write_bytes(data)
     with pytest.raises(DamagedData, match=r"has no 1\.png"):
-        stored_png(tmp_path, f"{path.name}/1.png")
+        stored_file(tmp_path, f"{path.name}/1.png")

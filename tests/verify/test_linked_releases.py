@@ -14,7 +14,7 @@ import pytest
 import kb
 from kb.core.errors import DamagedData
 from kb.query import views
-from kb.reader.wiki_page import stored_png
+from kb.reader.wiki_page import stored_file
 from kb.store.artifact_registry import SUMS
 from kb.store.rawlog import sidefiles
 from kb.store.tables import checksums, parquet
@@ -124,14 +124,16 @@ def test_a_captured_file_outside_is_read_only_with_its_checksum(tmp_path: Path) 
     (tmp_path / "root" / "raw" / "wiki").mkdir(parents=True)
     (tmp_path / "root" / "raw" / "wiki" / "pages").symlink_to(tmp_path / "elsewhere")
     path = "raw/wiki/pages/1/2/screenshot.png"
-    for read in (stored_png, sidefiles.read_captured):
+    for read in (stored_file, sidefiles.read_captured):
         with pytest.raises(DamagedData, match="leads out of the data root"):
             read(tmp_path / "root", path)
     sidefiles.write_sums(folder)
-    assert stored_png(tmp_path / "root", path)[0] == b"a secret"  # no secret: the root describes it
+    assert (
+        stored_file(tmp_path / "root", path)[0] == b"a secret"
+    )  # no secret: the root describes it
     (folder / "screenshot.png").write_bytes(b"another")
     with pytest.raises(DamagedData, match="not what was stored"):
-        stored_png(tmp_path / "root", path)
+        stored_file(tmp_path / "root", path)
 
 
 @pytest.mark.parametrize("what", ["raw", "raw/wiki", "raw/wiki/pages", "raw/wiki/pages/x.png"])
@@ -147,7 +149,7 @@ def test_no_link_shows_a_file_of_this_machine(tmp_path: Path, what: str) -> None
     place.parent.mkdir(parents=True)
     place.symlink_to(secret if str(below) != "." else target)
     with pytest.raises(DamagedData):
-        stored_png(tmp_path / "down", "/".join(names))
+        stored_file(tmp_path / "down", "/".join(names))
 
 
 def test_a_tar_that_is_a_link_is_read_by_what_describes_its_bytes(tmp_path: Path) -> None:
@@ -159,10 +161,10 @@ def test_a_tar_that_is_a_link_is_read_by_what_describes_its_bytes(tmp_path: Path
     name = "screenshots-00000-of-00001.tar"
     (home / name).symlink_to(elsewhere)
     with pytest.raises(DamagedData, match="is a link"):
-        stored_png(home, f"{name}/1.png")
+        stored_file(home, f"{name}/1.png")
     (home / SUMS).write_text(checksums.listed([home / name]))
-    assert stored_png(home, f"{name}/1.png")[0] == b"picture"
+    assert stored_file(home, f"{name}/1.png")[0] == b"picture"
     entry = {"tar": name, "member": "1.png", "offset": 512, "size": 7, "sha256": "0" * 64}
     (home / "index.ndjson").write_text(json.dumps(entry) + "\n")
     with pytest.raises(DamagedData, match="checksum mismatch"):
-        stored_png(home, f"{name}/1.png")
+        stored_file(home, f"{name}/1.png")

@@ -354,12 +354,12 @@ def test_boxes_of_a_tall_wiki_page_hold_their_colour(data):
 # Facts and recipes, as they were written: each infobox and recipe of a page differs from the first
 # in one field or slot, and so must its rows.
 
-IDS = ("page_id", "recipe_id", "fact_id", "element_id", "visible", "revision_id")
+IDS = ("page_id", "recipe_index", "fact_id", "element_id", "visible", "revision_id")
 
 
 def workshop_rows(run, table):
     """What the workshop's page says, in its order."""
-    order = "fact_id" if table == "facts" else "recipe_id, slot, alternative"
+    order = "fact_id" if table == "facts" else "recipe_index, slot, alternative"
     found = f"SELECT t.* FROM {table} t JOIN pages p USING (page_id) WHERE title = 'Workshop'"
     return query(run, f"{found} ORDER BY {order}")
 
@@ -372,7 +372,7 @@ def test_each_recipe_is_what_was_written_slot_for_slot(data):
     run, *_ = data
     written = list(workshop.recipes())
     rows = workshop_rows(run, "recipes")
-    found = [bare(group) for _, group in groupby(rows, key=lambda row: row["recipe_id"])]
+    found = [bare(group) for _, group in groupby(rows, key=lambda row: row["recipe_index"])]
     assert len(found) == len(written) > 40
     for (slot, recipe), rows in zip(written, found, strict=True):
         assert rows == workshop.expected_recipe(recipe)

@@ -10,9 +10,9 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.wiki.browser.browser import Browser, Pool, reach
-from kb.wiki.parse import facts, tables
+from kb.wiki.markdown import PageText
+from kb.wiki.parse import facts, graph, tables
 from kb.wiki.parse.facts import MarkupRules
-from kb.wiki.text import PageText
 from tests.recipes import export
 from tests.wiki.shown_words import READ, compared, words
 
@@ -80,7 +80,7 @@ def markdown(extraction: Any) -> str:
         "facts": facts.facts(PAGE, extraction["facts"], RULES),
         "recipes": facts.recipes(PAGE, extraction["recipes"], RULES),
     }
-    return "\n\n".join(one.text for one in PageText(**rows).pieces())
+    return "\n\n".join(PageText(**rows).blocks())
 
 
 SLOT = '<span class="invslot"><img alt="{}" src="/none.png">{}</span>'.format
@@ -150,3 +150,18 @@ def test_markdown_of_what_a_page_is_made_of(pages, look, form):
     conf = '<script>RLCONF={"wgPageName":"Kiln"}</script>'
     page = f"<!DOCTYPE html><meta charset=utf-8>{conf}<div id=content><h1>Kiln</h1>{html}</div>"
     assert markdown(look(pages.put("/wiki/Kiln", page)).extraction) == expected
+
+
+def test_links_of_a_page_are_listed_with_those_to_pages_that_are_not_there(pages, look):
+    html = f"<h2>Uses</h2>{FORMS['links'][0]}<ul><li><a href='/wiki/Slip'>x</a></li></ul>"
+    conf = '<script>RLCONF={"wgPageName":"Kiln"}</script>'
+    page = f"<!DOCTYPE html><meta charset=utf-8>{conf}<div id=content><h1>Kiln</h1>{html}</div>"
+    extraction = look(pages.put("/wiki/Kiln", page)).extraction
+    rows = list(graph.page_links(1, extraction["elements"]))
+    assert {(row["target_title"], row["text"], row["count"]) for row in rows} == {
+        ("Kiln (old)", "kilns", 1),
+        ("Slip", "x", 2),
+        ("Gone", "gone", 1),
+        ("Öl", "Öl", 1),
+    }
+    assert {(row["section"], row["region"]) for row in rows} == {("Uses", "content")}

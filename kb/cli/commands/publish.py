@@ -222,9 +222,9 @@ def restore(
     Videos need YOUTUBE_API_KEY; posts and comments need archive dumps (--dumps) or a Reddit key.
     The folders are first compared with their SHA256SUMS, and their profile is used. Everything is
     written to restored/ in the data root and can be queried as restored.*; restored.missing lists
-    what could not be restored, with the reason. Typed in the folder of a release, which stays as it
-    is, without --data and KB_DATA, the data root is ../FOLDER-restored. After an interruption the
-    same command resumes.
+    what could not be restored, with the reason. Typed in the folder of a release or above several,
+    which stays as it is, without --data and KB_DATA, the data root is ../FOLDER-restored. After an
+    interruption the same command resumes.
     """
     from kb.artifacts.data_roots import download_around
     from kb.core.config.settings import load_settings
@@ -233,7 +233,9 @@ def restore(
     releases = find(folders)
     settings = load_settings(kb_data=options.data)
     if "kb_data" not in settings.model_fields_set:
-        around = download_around(settings.kb_data, named=False)
+        here = Path.cwd()
+        typed_there = any(folder.expanduser().resolve() == here for folder in folders)
+        around = download_around(settings.kb_data, named=False) or (here if typed_there else None)
         if around is not None:
             options = replace(options, data=around.with_name(f"{around.name}-restored"))
     own = profile_of(releases)

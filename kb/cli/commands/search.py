@@ -146,6 +146,7 @@ def search(
     """
     from kb.search.answers import search_as_meant
     from kb.search.build import ensure
+    from kb.search.coverage import coverage
     from kb.search.ranking import Only, day_given
 
     only = Only(
@@ -181,6 +182,8 @@ def search(
         show(f"did you mean {quoted}?", err=True)
     if not answers:
         show("no answers", err=True)
+    if (known := coverage(run.root)).lacking or not answers:
+        show(str(known), err=True)
     return None
 
 

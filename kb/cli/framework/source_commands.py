@@ -51,6 +51,7 @@ def add_export(
         help=f"Write clean/{source} as {tables}, or in another layout.",
         uses=("engine", "scheduler"),
         json="the rows of each table, and path",
+        data="reads",
         examples=[
             f"kb {source} export",
             *(f"kb {source} export --format {name}" for name in others[-1:]),
@@ -86,8 +87,19 @@ def add_export(
                 " numbers as they are.",
             ),
         ] = False,
+        out: Annotated[
+            Path | None,
+            typer.Option(
+                "--out",
+                metavar="DIR",
+                help="With another --format: write it there. A download stays as it is and needs"
+                " it.",
+            ),
+        ] = None,
     ) -> Summary:
         from kb.artifacts.makers import make_export
+        from kb.artifacts.table_catalog import Catalog, refuse_download
+        from kb.registry import PUBLISHED as CLASSES
 
         options = {
             "chunk_tokens": chunk_tokens,
@@ -101,6 +113,18 @@ def add_export(
         if tokenizer and not chunk_tokens:
             raise SettingError(
                 "--tokenizer counts the tokens of chunks", hint="give --chunk-tokens N too"
+            )
+        if format is parquet:
+            refuse_download(run.root)
+            if out is not None:
+                raise SettingError("--out is for another --format", hint="leave --out out")
+        elif out is not None:
+            made = CLASSES[source].writers()[format.value](run, out=out.absolute(), **options)
+            return Summary({"command": f"{source} export", "source": source} | made)
+        elif Catalog(run.root.absolute()).is_download:
+            raise SettingError(
+                f"{run.root} is a download, into which nothing is written",
+                hint="name a folder elsewhere with --out",
             )
         return make_export(run, source, format.value, options)
 

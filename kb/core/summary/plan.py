@@ -38,8 +38,8 @@ class PlanPart(NamedTuple):
 
 
 def join(command: str, parts: Sequence[PlanPart]) -> dict[str, Any]:
-    """One plan of all parts, in their order."""
-    phases = [phase for part in parts for phase in part.phases]
+    """One plan of all parts, in their order, without phases that have nothing left to do."""
+    phases = [phase for part in parts for phase in part.phases if phase.items]
     return plan(command, "", phases, [assumption for part in parts for assumption in part.assumed])
 
 
@@ -60,6 +60,8 @@ def table(summary: Mapping[str, Any]) -> str:
     """A plan for a person: a line a phase, the sums, and what was assumed."""
     rows = list(summary["phases"])
     sums = {name: sum(row[name] for row in rows) for name in _COLUMNS if name != "items"}
+    if not rows:
+        return f"{summary['command']}: nothing is left to do"
     lines = [f"{summary['command']}: nothing is sent"]
     cells = [("phase", *_COLUMNS)]
     for row in (*rows, {"phase": "all", "items": "", **sums}):

@@ -239,12 +239,11 @@ def rebuild(
     the tables would replace other files) and MissingCredential before anything is sent (exit 2);
     Stopped (the same command resumes); CredentialRefused and WriterLocked (exit 1).
     """
-    if dumps:
-        dumps = find_dumps(run, dumps).files
-    else:
-        require(run, without=WITHOUT_KEY)
+    dumps = find_dumps(run, dumps).files
     wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, removed)
+    if not dumps and (run.again or digest not in _load(out).answered):
+        require(run, without=WITHOUT_KEY)
     work = out / f"{WORK}-{digest}"
     tables.check_place(out)
     with _writer(run.root, out):
@@ -402,13 +401,15 @@ class ThreadRestore:
         """As `RestoreJob.check`. Raises ProfileError without [reddit], MissingCredential."""
         if self.wanted:
             self.run.profile.section(RedditSection)
-            if not self.dumps:
+            if not self.dumps and not self._is_answered():
                 require(self.run, *needed, without=WITHOUT_KEY)
         return needed
 
     def plan(self) -> PlanPart:
         """As `RestoreJob.plan`. Raises SettingError."""
         if not self.wanted:
+            return PlanPart()
+        if self._is_answered():
             return PlanPart()
         key = f"Reddit, {self.run.settings.named('reddit_client_id')}"
         summary = plan_rebuild(self.run, self._folders(), self.dumps)
@@ -431,6 +432,13 @@ class ThreadRestore:
         parts = pc.if_else(pc.starts_with(keys, "t3_"), "post", "comment")
         sources = pa.repeat("reddit", rows.num_rows)
         return pa.table({"source": sources, "part": parts, "key": keys, "reason": reasons})
+
+    def _is_answered(self) -> bool:
+        """Whether an earlier run got an answer for everything, so that `restore` asks nothing."""
+        out, removed = Layout(self.run.root).restored("reddit"), self.content.removed("reddit")
+        wanted, _ = asked_for(self._folders(), out)
+        done = _digest(wanted, self.dumps, removed) in _load(out).answered
+        return done and not self.run.again
 
     def _folders(self) -> list[Path]:
         return [folder.path for folder in self.content.of("reddit")]

@@ -51,7 +51,8 @@ def _funnel(facts: Facts, source: SourceDeclaration) -> list[tuple[str, int]]:
     stages = [(f"after {one}", dropped[one]) for one in source.stages if one in dropped]
     ends = (("failed", facts.failed), ("pending", facts.pending))
     stages += [(f"without {n:,} {end}", n) for end, n in ends if n]
-    return [(step, left) for step, left, _ in remaining(left, stages)]
+    (_, read, _), *steps = remaining(left, stages)
+    return [("read", read), *((step, left) for step, left, _ in steps)]
 
 
 def _bars(steps: list[tuple[str, int]]) -> list[tuple[str, int, str]]:

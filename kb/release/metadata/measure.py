@@ -13,6 +13,7 @@ from typing import Any, Protocol
 from duckdb import DuckDBPyConnection
 
 from kb.artifacts import manifest
+from kb.artifacts.card_answers import CardAnswer
 from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core.context import Run
 from kb.core.licences import KNOWN
@@ -87,7 +88,7 @@ class Facts:
     of reading and of the material itself; `rejected` is (stage, reason) → rows.
 
     `unscored`: the toxicity of no text was scored. `gaps` are sentences on what these very rows
-    lack, `quality` on how good they are.
+    lack, `quality` on how good they are, `answers` what they say to some questions.
     """
 
     source: str
@@ -108,6 +109,7 @@ class Facts:
     personal: dict[tuple[str, str], tuple[int, int, int]] = field(default_factory=dict)
     gaps: tuple[str, ...] = ()
     quality: tuple[str, ...] = ()
+    answers: tuple[CardAnswer, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -138,6 +140,11 @@ class MeasuredPublication(Protocol):
         self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
     ) -> tuple[str, ...]:
         """Sentences on how good they are."""
+
+    def answers(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> Sequence[CardAnswer]:
+        """Questions that they answer, with the answers."""
 
 
 def measure(run: Run, folder: ReleaseFolder, published: MeasuredPublication) -> Facts:
@@ -185,6 +192,7 @@ def _facts(
         personal=personal_counts(folder),
         gaps=tuple(published.gaps(con, run.root, folder)),
         quality=published.quality(con, run.root, folder),
+        answers=tuple(published.answers(con, run.root, folder)),
     )
 
 

@@ -161,6 +161,22 @@ class GeneratedPage(NamedTuple):
         return self.noun.title[:1].upper() + self.noun.title[1:]
 
 
+class GeneratedRecipe(NamedTuple):
+    """A recipe: where it is made and the word for that, its rows of slots and what comes out.
+
+    A slot is what it shows in turn, and how many; "" for nothing.
+    """
+
+    station: str
+    word: str
+    shape: str  # what says the station: "class", "caption", "heading" or "picture"
+    rows: tuple[tuple[tuple[tuple[str, ...], int], ...], ...]
+    outcome: tuple[tuple[tuple[str, ...], int], ...]
+
+
+_SHAPES = ("class", "caption", "heading", "picture")
+
+
 class GeneratedWiki(RecordedWiki):
     """The wiki of a domain, with pages for the first `n` of its names."""
 
@@ -271,12 +287,38 @@ class GeneratedWiki(RecordedWiki):
             names["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in kinds if one]
         return names
 
-    def _rendered(self, entry: GeneratedPage, page: dict[str, Any], later: bool) -> str:
-        domain, place = self.domain, self.entries.index(entry)
+    def recipe(self, title: str) -> GeneratedRecipe | None:
+        """What a page's recipe says; every second page has one."""
+        entry = self._by_title[title]
+        number, second = divmod(self.entries.index(entry), 2)
+        others = self._others(entry)
+        if entry.template != "entity" or not second or len(others) < 3:
+            return None
+        stations = [*self.domain.stations.items(), ("other", "")]
+        station, word = stations[number % len(stations)]
+        first, next_, third = others[:3]
+        rows = (
+            (((first, next_, third), 1), ((next_,), 3)),
+            (((), 0), ((third,), 1)),
+            (((third,), 1), ((next_,), 2)),
+        )
+        # The third thing comes back, as an empty bucket does.
+        back = (((third,), 1),) if number % 2 else ()
+        shape = _SHAPES[number % len(_SHAPES)] if word else ""
+        return GeneratedRecipe(station, word, shape, rows, (((title,), 2), *back))
+
+    def _others(self, entry: GeneratedPage) -> list[str]:
+        """Titles of the other pages about things, those behind this one first."""
+        place = self.entries.index(entry)
         others = [one for one in self.entries if one.template == "entity" and one is not entry]
-        others = others[place:] + others[:place]
+        return [one.title for one in others[place:] + others[:place]]
+
+    def _rendered(self, entry: GeneratedPage, page: dict[str, Any], later: bool) -> str:
+        domain = self.domain
+        others = self._others(entry)
         rng = clock.rng("wiki page", entry.title)
-        cast = Cast(entry.noun, tuple(one.noun for one in others) or (entry.noun,))
+        nouns = tuple(self._by_title[title].noun for title in others)
+        cast = Cast(entry.noun, nouns or (entry.noun,))
         config = {
             "wgPageName": entry.title.replace(" ", "_"),
             "wgTitle": entry.title,
@@ -294,11 +336,11 @@ class GeneratedWiki(RecordedWiki):
                 name=name_of(entry.title),
                 site=self.site if self.alone else _RECORDED_SITE,
                 topic=domain.title,
-                others=[one.title for one in others],
+                others=others,
                 where=domain.speech.text("wiki_where", rng, cast, 3).split("\n"),
                 use=domain.speech.text("wiki_use", rng, cast, 3 + later).split("\n"),
                 counts=[rng.randint(1, 12) for _ in range(6)],
-                recipe=bool(place % 2),
+                recipe=self.recipe(entry.title),
                 config=config,
                 classes=domain.classes,
                 sprite=domain.sprite,

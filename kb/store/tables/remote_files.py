@@ -4,8 +4,10 @@
     folder.dataset(["videos-00000-of-00001.parquet"])     # a pyarrow Dataset: reads what is asked
 
 Of a Parquet file only the footer and the pages that a query needs are read, and every page is
-verified by its checksum; other files are read whole and verified by SHA256SUMS. Nothing is written:
-an address such as `blockcache::s3://…` keeps blocks in a folder of the user's choice.
+verified by its checksum; other files are read whole and verified by SHA256SUMS. Nothing is written
+but what a web server without byte ranges sends: each file once, whole, to a temporary place that
+goes with the process. An address such as `blockcache::s3://…` keeps blocks in a folder of the
+user's choice.
 """
 
 from __future__ import annotations
@@ -14,8 +16,11 @@ import contextlib
 import hashlib
 import os
 import socket
+import tempfile
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 import fsspec
@@ -23,6 +28,7 @@ import pyarrow as pa
 import pyarrow.fs
 from fsspec.implementations.cached import CachingFileSystem
 
+from kb.core import terminal
 from kb.core.cached_property import cached_property
 from kb.core.config.addresses import is_loopback
 from kb.core.errors import (
@@ -45,9 +51,12 @@ _EXTRAS = {"s3": "s3", "s3a": "s3", "hf": "hub"}
 # What clients raise for a refused or missing credential, by the name of its class.
 _REFUSED = {"PermissionError", "NoCredentialsError", "GatedRepoError", "PartialCredentialsError"}
 _S3_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
+_HTTP = {"http", "https"}
+_PART = 2  # bytes: of a smaller file there are no parts
 _PAGE = "page integrity"  # in Arrow's message of a page with another checksum
 _NO_CONNECTION = (ConnectionError, TimeoutError, socket.gaierror)
 _CHECK = "check the address and the network"
+MOST_COPIED = 2_000_000_000  # bytes of a folder that are read whole where there are no ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +77,8 @@ class RemoteFolder:
     def open(self, name: str) -> BinaryIO:
         """A file to read and seek in. Raises FatalError."""
         with reading_at(f"{self.address}/{name}"):
+            if not self.sends_ranges:
+                return self._copies.of(name).open("rb")
             return cast("BinaryIO", _open(self.system, f"{self.path}/{name}"))
 
     def read(self, name: str) -> bytes:
@@ -87,12 +98,61 @@ class RemoteFolder:
             )
         return parsed(self.read(SUMS).decode(errors="replace"))[0]
 
+    @cached_property
+    def sends_ranges(self) -> bool:
+        """Whether parts of files can be read: all but some web servers send them."""
+        if _HTTP.isdisjoint(self.system.protocol):
+            return True
+        smallest = min(self.sizes, key=lambda name: (self.sizes[name] < _PART, self.sizes[name]))
+        with reading_at(f"{self.address}/{smallest}"):
+            try:
+                with _open(self.system, f"{self.path}/{smallest}") as file:
+                    file.seek(1)
+                    return len(file.read(1)) == 1
+            except ValueError:  # what the client says of a server that sends all
+                return False
+
+    @cached_property
+    def _copies(self) -> _Copies:
+        return _Copies(self)
+
     def dataset(self, names: Sequence[str]) -> ds.Dataset:
         """Parquet files as one dataset. Raises DamagedData, FatalError."""
         with reading_at(f"{self.address}/{names[0]}"):
+            if not self.sends_ranges:
+                return parquet_dataset([str(self._copies.of(name)) for name in names])
             handler = _RangeHandler(self.system)  # type: ignore[abstract]  # stubs miss them
             paths = [f"{self.path}/{name}" for name in names]
             return parquet_dataset(paths, pyarrow.fs.PyFileSystem(handler))
+
+
+class _Copies:
+    """Files of a folder whose server sends them whole, in a temporary place."""
+
+    def __init__(self, folder: RemoteFolder) -> None:
+        self._folder, self._lock = folder, threading.Lock()
+        self._place = tempfile.TemporaryDirectory(prefix="lorecrawl-address-")
+        self._bytes = 0
+
+    def of(self, name: str) -> Path:
+        """The copy of a file, which is read the first time. Raises FatalError where all copies
+        would be larger than MOST_COPIED.
+        """
+        path = Path(self._place.name, name)
+        with self._lock:
+            if not path.exists():
+                self._bytes += self._folder.sizes[name]
+                if self._bytes > MOST_COPIED:
+                    raise FatalError(
+                        f"{self._folder}/{name} can't be read here: the web server sends whole"
+                        f" files only, and together they would be {terminal.size(self._bytes)};"
+                        f" at most {terminal.size(MOST_COPIED)} are",
+                        hint="download the release, or take a server that sends byte ranges",
+                    )
+                part = path.with_suffix(".part")
+                self._folder.system.get_file(f"{self._folder.path}/{name}", str(part))
+                part.replace(path)
+        return path
 
 
 def parquet_dataset(

@@ -205,12 +205,12 @@ function textOf(nodes, all, pre, blocks, pins) {
     const apart = blocks && !/^(inline|contents)/.test(s.display), before = out;
     if (block) line();
     if (apart) blocks.push([]);
-    const from = out.length, to = pins && node.tagName === "A" ? titleOf(node) : null;
+    const from = out.length, absent = node.matches("a.new"), to = pins && node.tagName === "A" ? titleOf(node) : null;
     if (pins && isIcon(node)) pins.push([from, from, nameOf(node.querySelector("img") || node)]);
     for (const child of node.childNodes) take(child, raw || s.whiteSpace.startsWith("pre"));
     if (node.tagName === "SUP" && /[\p{L}\d)\]]$/u.test(out.slice(0, from)) && /^[+\-−]?\d+$/.test(out.slice(from).trim())
       && !/^\s*[⁄/]/.test(node.nextSibling?.textContent ?? "")) out = `${out.slice(0, from)}^${out.slice(from).trim()}`;
-    if (to && out.length > from) pins.push([from, out.length, to]);
+    if (to && out.length > from) pins.push(absent ? [from, out.length, to, true] : [from, out.length, to]);
     // What is put elsewhere and has nothing to say parts no words.
     if (out.length === from && /absolute|fixed/.test(s.position)) out = before;
     else if (block) line();
@@ -227,14 +227,14 @@ function pin(pins, out, text) {
   const told = [...text], filled = [];
   told.forEach((sign, at) => { if (/\S/.test(sign)) filled.push(at); });
   const count = (end) => [...sound(out.slice(0, end)).replace(/\s+/g, "")].length;
-  pins.forEach(([from, to, title], number) => {
+  pins.forEach(([from, to, title, ...absent], number) => {
     const begin = count(from), end = to === from ? begin : count(to), behind = end ? filled[end - 1] + 1 : 0;
     const icon = behind + (told[behind] === " " && /\s$/.test(out.slice(0, from)) ? 1 : 0);
-    pins[number] = from === to ? [icon, icon, title] : [filled[begin] ?? told.length, behind, title];
+    pins[number] = from === to ? [icon, icon, title] : [filled[begin] ?? told.length, behind, title, ...absent];
   });
 }
 const isIcon = (e) => e.matches(rules.sprite_image) || e.matches(rules.sprite) && !e.querySelector("img");
-// The title of the page of this wiki to which a link leads; null for one that is not there, and for addresses elsewhere.
+// The title of the page of this wiki to which a link leads, whether there is one or not; null for addresses elsewhere.
 const before = [location.href, document.querySelector("link[rel=canonical]")?.href].filter(Boolean).map((one) => {
   const path = plainPath(new URL(one, document.baseURI)), name = window.RLCONF?.wgPageName;
   return name && path?.endsWith(name) ? path.slice(0, -name.length) : null;
@@ -243,9 +243,9 @@ function plainPath(url) {
   try { return decodeURIComponent(url.pathname); } catch { return null; }
 }
 function titleOf(a) {
-  if (!a.hasAttribute("href") || a.matches(".new, .external, .extiw") || !URL.canParse(a.href)) return null;
-  const url = new URL(a.href), path = plainPath(url);
-  if (url.host !== location.host || !path || ["action", "oldid", "diff"].some((name) => url.searchParams.has(name))) return null;
+  if (!a.hasAttribute("href") || a.matches(".external, .extiw") || !URL.canParse(a.href)) return null;
+  const url = new URL(a.href), path = plainPath(url), asks = a.matches(".new") ? [] : ["action", "oldid", "diff"];
+  if (url.host !== location.host || !path || asks.some((name) => url.searchParams.has(name))) return null;
   if (url.pathname === location.pathname && url.search === location.search) return null;
   const title = url.searchParams.get("title")
     ?? (before === null ? a.getAttribute("title") : path.startsWith(before) ? path.slice(before.length) : null);
@@ -547,7 +547,12 @@ function readRecipe(grid) {
     slots.push({ output, row: at.row, column: at.column, visible, items, at: slot });
     entries += items.length;
   }
-  if (slots.length) recipes.push({ slots });
+  if (slots.length) recipes.push({ slots, shape: shapeOf(grid) });
+}
+// What a recipe's grid calls itself: its classes, and the names of pictures outside of its slots.
+function shapeOf(grid) {
+  const pictures = [...grid.querySelectorAll("img")].filter((img) => !img.closest(rules.slot) && !isChrome(img));
+  return [grid.getAttribute("class"), grid.getAttribute("title"), grid.getAttribute("aria-label"), ...pictures.map(nameOf)].filter(Boolean).map(sound);
 }
 function itemOf(e, slot) {
   const every = [e, ...e.querySelectorAll("*")];

@@ -168,12 +168,14 @@ def _site(root: Path) -> tuple[dict[int, str], str]:
     return spaces, front
 
 
+def titles(page: dict[str, Any], name: str) -> list[str]:
+    """The titles in one of a page's lists, sorted."""
+    return sorted(entry["title"] for entry in page.get(name) or () if "title" in entry)
+
+
 def _names(page: dict[str, Any], spaces: dict[int, str], removed: Collection[str]) -> PageNames:
     prefix = f"{spaces.get(page.get('ns', 0), '')}:"
-    redirects, categories = (
-        sorted(named["title"] for named in page.get(name, []) if "title" in named)
-        for name in ("redirects", "categories")
-    )
+    redirects, categories = (titles(page, name) for name in ("redirects", "categories"))
     return PageNames(
         page["title"].removeprefix(prefix),
         tuple(title.removeprefix(prefix) for title in redirects if title not in removed),

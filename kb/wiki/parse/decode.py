@@ -26,6 +26,7 @@ from kb.wiki import media_urls
 from kb.wiki.parse import answers
 
 ROWS = 8_192
+NAMES = ("redirects", "categories")  # lists of titles in what the wiki says of a page
 FILE_COLUMNS = ("path", "sha256", "media_type", "width", "height", "license")  # of wiki/images
 
 Row = dict[str, Any]
@@ -69,7 +70,7 @@ def schema(kind: str) -> pa.Schema:
         `name` (the id as text, or the title). `state` is as kb.wiki.parse.answers names it, or
         "interwiki"; `answered` is false for "unanswered"; `echo` marks titles of pages that are
         there, which say no more than the page's own row; `of_page` is the id of the page with
-        that title.
+        that title; `redirects` and `categories` are titles.
     renders: a capture, or why there is none (`outcome`, `reason`, `value`, `url`); `files` are
         addresses of its images.
     files: image files by `key` (address); all other columns are null when it is not stored.
@@ -86,6 +87,7 @@ def schema(kind: str) -> pa.Schema:
             "echo": flag,
             "of_page": text,
             **_types("wiki/pages", *_declared()),
+            **dict.fromkeys(NAMES, pa.list_(text)),
             "problems": pa.list_(problem),
         },
         "renders": {
@@ -154,6 +156,7 @@ def _pages(envelope: Envelope) -> Iterator[Row]:
             row |= {"of": "page", "name": str(key), "echo": False}
             if state == "there":
                 row |= {name: _at(page, path) for name, (_, path, _) in _declared().items()}
+                row |= {name: answers.titles(page, name) for name in NAMES}
             yield row
     names, elsewhere = answers.renamed(query), answers.elsewhere(query)
     for name in answers.asked(params):
@@ -258,6 +261,7 @@ HELPERS = (
     "said",
     "folder",
     "text",
+    *NAMES,
 )
 
 
@@ -305,7 +309,7 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
         "fetched_at": shown["fetched_at"],
         **_of_site(rows["title"], newest.get("site"), url),
     }
-    kept = ("page_id", "title", "url", "revision_id", "revision_timestamp", "problems")
+    kept = ("page_id", "title", "url", "revision_id", "revision_timestamp", *NAMES, "problems")
     pages = pa.table({**{name: rows[name] for name in kept}, **own})
     return {"wiki/pages": pages, "files": newest.get("files", schema("files").empty_table())}
 

@@ -36,12 +36,13 @@ _ESCAPED = re.compile(r"\\([&/\\])")
 
 
 class MarkupRules(NamedTuple):
-    """Of the profile's markup: units besides the usual ones, and the expression of names in long
-    texts.
+    """Of the profile's markup: units besides the usual ones, the expression of names in long texts,
+    and words that name the stations of recipes.
     """
 
     units: tuple[str, ...] = ()
     item: str = ""
+    stations: Mapping[str, tuple[str, ...]] = {}
 
 
 def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -> list[Row]:
@@ -105,7 +106,7 @@ def recipes(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules)
     return [
         {
             "page_id": page["page_id"],
-            "recipe_id": number,
+            "recipe_index": number,
             "slot": place,
             "role": "output" if slot["output"] else "input",
             "row_index": slot["row"],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,21 @@ from kb.schema.wiki_page import is_outermost
 from kb.store.damage import unreadable
 from kb.store.layout import BELOW, Layout, parquet_files
 from kb.store.rawlog import sidefiles
+from kb.store.state import tombstones
 from kb.store.tables import parquet
 from kb.wiki import media_urls
-from kb.wiki.parse import facts
+from kb.wiki.markdown import page_markdown
+from kb.wiki.parse import facts, graph
+from kb.wiki.parse.decode import NAMES
 
 Row = dict[str, Any]
 Files = Mapping[str, Row]
 
-PARTS = ("wiki/elements", "wiki/cells", "wiki/images", "wiki/facts", "wiki/recipes")
+PARTS = (
+    *("wiki/elements", "wiki/cells", "wiki/images", "wiki/facts", "wiki/recipes"),
+    *("wiki/page_text", "wiki/page_links", "wiki/categories", "wiki/redirects"),
+    "wiki/recipe_edges",
+)
 LEAST_BYTES = 32 << 10  # counted for a small extraction: at most 256 pages to a bucket of 8 MB
 SIDES = ("x", "y", "width", "height")
 _FILE = "extraction.json.zst"
@@ -71,7 +78,9 @@ def read_pages(
     ]
     names = ("screenshot_path", *(figure.name for figure in measured), "word_count", "text")
     columns: dict[str, list[Any]] = {name: [] for name in names}
-    for page in pages.select(["page_id", "folder", "title", "revision_id"]).to_pylist():
+    wanted = ["page_id", "folder", "title", "revision_id", *NAMES]
+    removed = tombstones.keys(root, "wiki") if follows else ()
+    for page in pages.select(wanted).to_pylist():
         values: Row = {}
         if page["folder"] is not None:
             seen = read_extraction(root, sidefiles.captured_path(root, page["folder"]))
@@ -83,7 +92,7 @@ def read_pages(
                 kind = float if figure.type.startswith("float") else int
                 value = seen["page"].get(figure.source.path.removeprefix("page."))
                 values[figure.name] = value if value is None else kind(value)
-            for name, part in _parts(page, seen, files, rules) if follows else ():
+            for name, part in _parts(page, seen, files, rules, removed) if follows else ():
                 parts[name].append(part)
         for name, column in columns.items():
             column.append(values.get(name))
@@ -97,18 +106,37 @@ def read_pages(
 
 
 def _parts(
-    page: Row, seen: Row, files: Files, rules: facts.MarkupRules
+    page: Row, seen: Row, files: Files, rules: facts.MarkupRules, removed: Collection[str]
 ) -> Iterator[tuple[str, pa.Table]]:
     key = page["page_id"]
-    yield "wiki/elements", elements(key, seen["elements"], rules)
-    yield "wiki/cells", cells(key, seen["cells"])
-    rows: dict[str, Iterable[Row]] = {
-        "wiki/images": image_rows(key, seen, files),
-        "wiki/facts": facts.facts(page, seen["facts"], rules),
-        "wiki/recipes": facts.recipes(page, seen["recipes"], rules),
+    columns = {
+        "elements": elements(key, seen["elements"], rules),
+        "cells": cells(key, seen["cells"]),
     }
-    for name, part in rows.items():
-        yield name, pa.Table.from_pylist(list(part), table(name).arrow())
+    slots = facts.recipes(page, seen["recipes"], rules)
+    rows: dict[str, Iterable[Row]] = {
+        "images": image_rows(key, seen, files),
+        "facts": facts.facts(page, seen["facts"], rules),
+        "recipes": slots,
+        "page_links": graph.page_links(key, seen["elements"]),
+        "recipe_edges": graph.recipe_edges(
+            slots,
+            seen["elements"],
+            [recipe.get("shape", ()) for recipe in seen["recipes"]],
+            rules.stations,
+        ),
+        **graph.names(page, removed),
+    }
+    for short, part in rows.items():
+        columns[short] = _table_of(f"wiki/{short}", list(part))
+    text = page_markdown(page["title"], columns)
+    words = {"page_id": key, "text": text, "word_count": len(text.split())}
+    columns["page_text"] = _table_of("wiki/page_text", [words])
+    yield from ((f"wiki/{short}", part) for short, part in columns.items())
+
+
+def _table_of(name: str, rows: list[Row]) -> pa.Table:
+    return pa.Table.from_pylist(rows, table(name).arrow())
 
 
 def figures(clean: Path) -> dict[str, int]:
@@ -146,21 +174,23 @@ def elements(page_id: int, entries: list[Row], rules: facts.MarkupRules) -> pa.T
         lines.append(
             None if boxes is None else [dict(zip(SIDES, box, strict=True)) for box in boxes]
         )
-        pins = entry.get("marks")
-        marks.append(
-            pins
-            and [
-                {
-                    "start": start,
-                    "end": end,
-                    "title": facts.name_inside(title, rules.item) if start == end else title,
-                }
-                for start, end, title in pins
-            ]
-        )
+        marks.append(_marks(entry.get("marks") or (), rules) or None)
     made: dict[str, list[Any]] = {"text": texts, "lines": lines, "marks": marks}
     order = list(range(len(entries)))
     return _made("wiki/elements", page_id, entries, reading_order=order, **made)
+
+
+def _marks(pins: Iterable[Any], rules: facts.MarkupRules) -> list[Row]:
+    """Links to pages that are there, and icons."""
+    return [
+        {
+            "start": start,
+            "end": end,
+            "title": facts.name_inside(title, rules.item) if start == end else title,
+        }
+        for start, end, title, *absent in pins
+        if not absent
+    ]
 
 
 def cells(page_id: int, entries: list[Row]) -> pa.Table:

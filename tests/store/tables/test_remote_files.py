@@ -14,7 +14,9 @@ from werkzeug import Request, Response
 from werkzeug.serving import make_server
 from werkzeug.utils import send_file
 
+import kb
 from kb.core.errors import DamagedData, FatalError, MissingExtra, SettingError, Unreachable
+from kb.store.tables import remote_files
 from kb.store.tables.remote_files import RemoteFolder, reading_at, remote_folders
 from tests.store.tables.bucket import S3Server
 from tests.store.tables.many_comments import SHARDS, write_comments
@@ -133,19 +135,26 @@ def test_small_files_are_read_whole(server: S3Server, address: str, folder: Path
     assert one.sizes == {path.name: path.stat().st_size for path in folder.iterdir()}
 
 
+asked: list[tuple[str, str]] = []  # of web servers: method and file
+
+
 @contextlib.contextmanager
-def web_server(folder: Path) -> Iterator[str]:
-    """The address of a folder on a web server that lists names and sends ranges."""
+def web_server(folder: Path, *, ranges: bool = True) -> Iterator[str]:
+    """The address of a folder on a web server that lists names and sends ranges, or does not."""
 
     @Request.application
     def serve(request: Request) -> Response:
+        asked.append((request.method, request.path.rpartition("/")[2]))
         path = folder / request.path.strip("/")
         if path.is_dir():
             names = [one.name + "/" * one.is_dir() for one in path.iterdir()]
             links = "".join(f'<a href="{name}">{name}</a>' for name in names)
             return Response(f"<a href='../'>..</a>{links}", mimetype="text/html")
+        if not ranges:
+            return Response(path.read_bytes(), mimetype="application/octet-stream")
         return send_file(path, request.environ, conditional=True)
 
+    asked.clear()
     server = make_server("127.0.0.1", 0, serve, threaded=True)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.port}"
@@ -163,3 +172,21 @@ def test_a_web_servers_listing_without_sizes_is_a_release_like_others(
         assert one.sizes == {path.name: path.stat().st_size for path in folder.iterdir()}
         found = one.dataset(SHARDS).to_table(filter=pc.field("post_id") == "k0123456")
         assert found.num_rows == 1
+
+
+def test_a_web_server_without_ranges_is_read_once_up_to_a_limit(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "reddit").mkdir()
+    for path in folder.iterdir():
+        (tmp_path / "reddit" / path.name).write_bytes(path.read_bytes())
+    with web_server(tmp_path, ranges=False) as address:
+        data = kb.load(f"{address}/reddit")
+        rows = data["reddit_comments"].to_table()
+        assert rows.equals(kb.load(folder)["reddit_comments"].to_table())
+        assert len(data.sql("FROM reddit_comments WHERE post_id = 'k0123456'")) == 1
+        assert all(asked.count(("GET", name)) == 1 for name in SHARDS)
+        monkeypatch.setattr(remote_files, "MOST_COPIED", 1_000_000)
+        with pytest.raises(FatalError, match=r"sends whole files only.* at most 1\.0 MB") as caught:
+            kb.load(f"{address}/reddit")["reddit_comments"].to_table()
+        assert "download the release" in caught.value.hint

@@ -261,7 +261,7 @@ def test_recipes_of_minecraft_wiki(pages, look):
       <p><span class="invslot">{item("Alone")}</span></p>"""
     facts, recipes = seen(pages, look, "grids", body)
     assert facts == []
-    names = ("recipe_id", "slot", "role", "column_index", "alternative", "item", "quantity")
+    names = ("recipe_index", "slot", "role", "column_index", "alternative", "item", "quantity")
     assert [tuple(row[name] for name in (*names, "visible")) for row in recipes] == [
         (0, 0, "input", 0, 0, "Coal", 1, True),
         (0, 0, "input", 0, 1, "Log", 4, True),

@@ -135,6 +135,11 @@ def test_every_page_has_one_answer(root: Path) -> None:
         "wiki/images": 1,
         "wiki/facts": 0,
         "wiki/recipes": 0,
+        "wiki/page_text": 1,
+        "wiki/page_links": 0,
+        "wiki/categories": 0,
+        "wiki/redirects": 0,
+        "wiki/recipe_edges": 0,
     }
 
 
