@@ -82,7 +82,7 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     exports     files and folders that formats besides Parquet write below export/
     revision    the number of the rules by which its tables are made; raised where the same input
                 gives others
-    beside      what it is made of besides the clean rows of its sources
+    inputs      what it is made of besides the clean rows of its sources
     decided_by  parts of the profile that decide its rows, where it is no source ("keywords": the
                 lines of the keyword files too)
     """
@@ -110,7 +110,7 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     made_of: tuple[str, ...] = ()
     exports: tuple[str, ...] = ()
     revision: int = 1
-    beside: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
     decided_by: tuple[str, ...] = ()
 
     @property

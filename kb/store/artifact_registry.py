@@ -199,7 +199,7 @@ def _made(name: str) -> Artifact:
     linked = tuple(f"{one}/{short}" for one in SOURCES for short in SOURCES[one].linked)
     return Artifact(
         name,
-        (*(f"clean/{one}" for one in made_of(name)), *PUBLISHED[name].beside),
+        (*(f"clean/{one}" for one in made_of(name)), *PUBLISHED[name].inputs),
         f"kb {name}",
         name,
         tuple(one.name for one in tables().values() if one.source == name),

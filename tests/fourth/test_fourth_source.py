@@ -192,6 +192,7 @@ def test_from_crawl_to_purge(place: Place) -> None:
     assert place.released("answers") == [f"{key}0" for key in kept]  # others have negative scores
     card = (place.root / "release/qanda/README.md").read_text()
     assert "Questions about Things and their answers" in card
+    assert "kb restore" not in card  # it can't bring these back
     croissant = json.loads((place.root / "release/qanda/croissant.json").read_text())
     assert {"questions", "answers"} <= {one["@id"] for one in croissant["recordSet"]}
     query = "kb.load('root/release/qanda').sql('SELECT min(score) FROM qanda_questions')"

@@ -447,7 +447,7 @@ def build(
 
 def archived(root: Path) -> None:
     """The wiki's files, and its export: tables, tars and their index."""
-    from kb.export import tar_shards
+    from kb.wiki import tar_shards
     from tests.release.conftest import a_run
 
     for column, what in (

@@ -74,7 +74,7 @@ _INSIDE = {
     "slot_row": "recipe",
     "slot_output": "recipe",
 }
-_NO_SELECTORS = ("regions", "units", "item", "animation_active")
+_NO_SELECTORS = ("regions", "units", "item", "stations", "animation_active")
 _COUNT = """
 const page = new DOMParser().parseFromString(arguments[0], "text/html");
 return arguments[1].map(([selector, around]) => {
