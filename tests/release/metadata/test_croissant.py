@@ -129,9 +129,12 @@ def test_names_and_orcids_reach_citation_and_deposit(tmp_path: Path) -> None:
     assert "https://kb.example.org/remove" in (folder / "README.md").read_text()
 
 
-@pytest.mark.parametrize(("written", "sent"), [("de", "deu"), ("deu", "deu"), ("qq", None)])
+@pytest.mark.parametrize(
+    ("written", "shown", "sent"),
+    [("de", "de", "deu"), ("deu", "de", "deu"), ("ger", "de", "deu"), ("qq", "qq", None)],
+)
 def test_language_of_the_profile_reaches_the_deposit(
-    tmp_path: Path, written: str, sent: str | None
+    tmp_path: Path, written: str, shown: str, sent: str | None
 ) -> None:
     profile = tmp_path / "mine.toml"
     profile.write_text(
@@ -141,4 +144,4 @@ def test_language_of_the_profile_reaches_the_deposit(
     release(a_run(build(tmp_path, sources=("pairs",), n=10), profile))
     folder = tmp_path / "release" / "pairs"
     assert json.loads((folder / "zenodo.json").read_text())["metadata"].get("language") == sent
-    assert f"language:\n- {written}\n" in (folder / "README.md").read_text()
+    assert f"language:\n- {shown}\n" in (folder / "README.md").read_text()
