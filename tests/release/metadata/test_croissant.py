@@ -129,9 +129,12 @@ def test_names_and_orcids_reach_citation_and_deposit(tmp_path: Path) -> None:
     assert "https://kb.example.org/remove" in (folder / "README.md").read_text()
 
 
-@pytest.mark.parametrize(("written", "sent"), [("de", "deu"), ("deu", "deu"), ("qq", None)])
+@pytest.mark.parametrize(
+    ("written", "shown", "sent"),
+    [("de", "de", "deu"), ("deu", "de", "deu"), ("ger", "de", "deu"), ("qq", "qq", None)],
+)
 def test_language_of_the_profile_reaches_the_deposit(
-    tmp_path: Path, written: str, sent: str | None
+    tmp_path: Path, written: str, shown: str, sent: str | None
 ) -> None:
     profile = tmp_path / "mine.toml"
     profile.write_text(
@@ -141,7 +144,7 @@ def test_language_of_the_profile_reaches_the_deposit(
     release(a_run(build(tmp_path, sources=("pairs",), n=10), profile))
     folder = tmp_path / "release" / "pairs"
     assert json.loads((folder / "zenodo.json").read_text())["metadata"].get("language") == sent
-    assert f"language:\n- {written}\n" in (folder / "README.md").read_text()
+    assert f"language:\n- {shown}\n" in (folder / "README.md").read_text()
 
 
 def test_record_sets_reference_each_other_and_nothing_is_left_to_warn_of(tmp_path: Path) -> None:
@@ -172,7 +175,7 @@ def test_record_sets_reference_each_other_and_nothing_is_left_to_warn_of(tmp_pat
 def test_the_deposit_names_the_paper_and_the_folders_that_it_belongs_with(tmp_path: Path) -> None:
     profile = tmp_path / "mine.toml"
     profile.write_text(
-        'name = "mine"\ntitle = "Mine"\n[release]\nhomepage = "https://kb.example.org"\n'
+        f'name = "mine"\ntitle = "Mine"\n[release]\n{LINES}homepage = "https://kb.example.org"\n'
         'published.youtube.doi = "10.5281/zenodo.11"\npublished.reddit.doi = "10.5281/zenodo.12"\n'
         'published.pairs.doi = "10.5281/zenodo.13"\n'
     )
