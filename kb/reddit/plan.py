@@ -50,14 +50,14 @@ def plan_crawl(run: Run) -> Summary:
     posts = to_read(kinds, "tree") + fresh
     done = kinds.get("tree", {}).get("done", 0)
     further = sum(kinds.get("more", {}).values()) / IDS + sum(kinds.get("thread", {}).values())
-    each = 1 + further / done if done else REQUESTS_A_POST
+    per_post = 1 + further / done if done else REQUESTS_A_POST
     size = BYTES_A_POST
     if done:
         segments = rawlog.segments(run.root, "reddit", "comments")
         size = max(1, sum(segment.stat().st_size for segment in segments) // done)
     elif posts:
         assumed.append(f"{REQUESTS_A_POST:g} requests and {BYTES_A_POST // 1000} kB a post")
-    asked = round(posts * each) + math.ceil(to_read(kinds, "more") / IDS)
+    asked = round(posts * per_post) + math.ceil(to_read(kinds, "more") / IDS)
     asked += to_read(kinds, "thread")
     phases = [
         PlanPhase("listings", lists, requests=pages, hours=_hours(run, pages)),

@@ -28,11 +28,13 @@ def coverage(root: Path) -> Coverage:
 
     Sources that it has no rows of are left out. Raises DamagedData.
     """
-    known, catalog = Coverage([], []), Catalog(root.absolute())
+    covered: list[str] = []
+    lacking: list[str] = []
+    catalog = Catalog(root.absolute())
     for name, source in SOURCES.items():
         if not source.indexed or not catalog.schema_of(name):
             continue
         there = texts.files(root, f"index/{name}")
-        for short, what in (source.searched or {one: one for one in source.tables}).items():
-            (known.covered if f"{name}/{short}" in there else known.lacking).append(what)
-    return known
+        for short, what in (source.searched or {table: table for table in source.tables}).items():
+            (covered if f"{name}/{short}" in there else lacking).append(what)
+    return Coverage(covered, lacking)

@@ -247,10 +247,7 @@ def rebuild(
     work = out / f"{WORK}-{digest}"
     tables.check_place(out)
     with _writer(run.root, out):
-        for name in (tables.DONE, MISSING):
-            leftovers.remove_temporary(out / name)  # of a killed run
-        tables.folder_of(out).settle()
-        done = _load(out)
+        done = _settled(out)
         if digest in done.answered and not run.again:
             shutil.rmtree(work, ignore_errors=True)
             state = "these dumps are already read" if dumps else "every id is already answered"
@@ -266,18 +263,28 @@ def rebuild(
             otherwise=NOT_IN_DUMPS if dumps else "missing",
         )
         if dumps:
-            summary = _read_dumps(
-                run, answers, dumps, "" if wanted.trees else subreddit_of(sources)
-            )
+            subreddit = "" if wanted.trees else subreddit_of(sources)
+            summary = _read_dumps(run, answers, dumps, subreddit)
         else:
-            source = KnownIds(run, wanted)
-            summary = job.work(
-                run, source, source.summary, place=work, facts=source.facts, removed=removed
-            )
+            summary = _ask(run, wanted, work, removed)
             answers = answers._replace(unanswered=unanswered(Layout(work).state("reddit")))
         if wanted.bad_lines:
             summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
         return _add(run, answers, out, summary, done, digest)
+
+
+def _ask(run: Run, wanted: WantedThings, work: Path, removed: Collection[str]) -> Summary:
+    """What is wanted, from Reddit → raw answers in the work folder; `removed` is not asked for."""
+    source = KnownIds(run, wanted)
+    return job.work(run, source, source.summary, place=work, facts=source.facts, removed=removed)
+
+
+def _settled(out: Path) -> Done:
+    """What .done.json says of `out`, after what a killed run left there is cleared away."""
+    for name in (tables.DONE, MISSING):
+        leftovers.remove_temporary(out / name)
+    tables.folder_of(out).settle()
+    return _load(out)
 
 
 def _add(

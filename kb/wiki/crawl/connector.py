@@ -370,13 +370,13 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     pages = to_read(kinds, "pages") + (0 if lists else asked)
     done = kinds.get("pages", {}).get("done", 0)
     known_files = sum(kinds.get("files", {}).values())
-    each = known_files / done if done else IMAGES_A_PAGE
+    per_page = known_files / done if done else IMAGES_A_PAGE
     size = MB_A_PAGE / 1e3
     if done:
         size = sum(path.stat().st_size for path in raw_files(run.root, "wiki")) / done / 1e9
     if pages and not done:
         assumed += [f"{IMAGES_A_PAGE} image files and {MB_A_PAGE} MB a page"]
-    files = to_read(kinds, "files") + round(pages * each)
+    files = to_read(kinds, "files") + round(pages * per_page)
     pause = 0.0 if is_loopback(run.settings.kb_wiki_url or section.url) else section.seconds_between
     if pause:
         assumed.append(f"{pause:g} s between requests, unless robots.txt asks for more")

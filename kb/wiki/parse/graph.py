@@ -131,7 +131,7 @@ def _paths(elements: Iterable[Row]) -> Iterator[tuple[str, ...]]:
         if level and level > 1 and element["region"] != "infobox":
             headings = [
                 (level, element["text"] or ""),
-                *(one for one in headings if one[0] < level),
+                *(heading for heading in headings if heading[0] < level),
             ]
         yield tuple(text for _, text in headings)
 
@@ -181,8 +181,8 @@ def _added_up(cells: Iterable[Sequence[Row]]) -> list[_Slot]:
         things, quantities = tuple(amounts), tuple(amounts.values())
         if (known := found.get(things)) is not None:
             quantities = tuple(
-                None if one is None or other is None else one + other
-                for one, other in zip(known.quantities, quantities, strict=True)
+                None if quantity is None or other is None else quantity + other
+                for quantity, other in zip(known.quantities, quantities, strict=True)
             )
         number = known.number if known is not None else cell[0]["slot"]
         found[things] = _Slot(number, things, quantities)
