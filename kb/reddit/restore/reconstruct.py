@@ -3,7 +3,8 @@
 Known ids go through `info`, 100 full names a request, posts and comments together. Posts of the
 published `reddit.json` have no comment ids: their whole trees are read, with every nested reply.
 Answers wait in a work folder until every id is answered, so an interrupted run repeats only what
-was in flight; then kb.artifacts.restore adds them to the tables of earlier runs.
+was in flight; then kb.artifacts.restore adds them to the tables of earlier runs. `kb restore` of
+released folders of Reddit is the same job.
 
     out/posts/*.parquet  out/comments/*.parquet     the clean tables' columns, scores of models null
     out/missing.parquet                             key, reason: missing, deleted, removed, purged,
@@ -11,8 +12,6 @@ was in flight; then kb.artifacts.restore adds them to the tables of earlier runs
                                                     dumps; and when the source said so
     out/.done.json                                  which lists of ids were answered
     out/.work-<digest>                              raw answers of an unfinished run
-
-It is also the job of `kb restore` for released folders of Reddit.
 """
 
 from __future__ import annotations
