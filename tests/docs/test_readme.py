@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import duckdb
 import pytest
 
 from kb.cli.app import TREE
@@ -93,6 +94,15 @@ def test_a_number_that_is_shown_twice_is_the_same(demo: Path) -> None:
             assert made["tables"][f"{source}/{table}"] == facts["rows"][table] == n
             assert f" {n:,} rows, " in card
             assert explore.get(table, f"{n:,}") == f"{n:,}"
+        stages = dict(re.findall(r"^\| (\w+) \| ([\d,]+) \|$", card, re.MULTILINE))
+        dropped = {stage: f"{n:,}" for stage, n in made["stages"].items() if n}
+        assert dropped.items() <= stages.items()
+    for folder in sorted((root / "release").glob("*/")):  # every card counts the rows beside it
+        card = (folder / "README.md").read_text(encoding="utf-8")
+        tables = {path.name.partition("-")[0] for path in folder.glob("*-of-*.parquet")}
+        for table in tables:
+            ((n,),) = duckdb.sql(f"SELECT count(*) FROM '{folder}/{table}-*.parquet'").fetchall()
+            assert re.search(rf"^### {table}\n\n.* {n:,} rows, ", card, re.MULTILINE), table
     assert explore["video-text pairs"] == f"{about['pairs']['clean']:,}"
     (pictured,) = re.findall(r"totals from ([\d,]+) videos to ([\d,]+) mentions", TEXT)
     thousands = f"{float(report['mentions'].removesuffix('k')) * 1000:,.0f}"
