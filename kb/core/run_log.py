@@ -19,10 +19,12 @@ from pathlib import Path
 from kb.core import clock, terminal
 from kb.core.progress import EVENTS
 from kb.core.regular_file import check_regular
+from kb.core.sources import SOURCES
 
 BYTES, KEPT = 10_000_000, 5
 MARK = "…"
 _ID = r"[A-Za-z0-9_-]"
+_PLACES = "|".join(f"{name}:" for name in SOURCES)  # references begin so
 _PRIVATE = (
     (re.compile(r"(https?://[^/\s'\"]+)/[^\s'\"]*[^\s'\":;,.)]"), rf"\1/{MARK}"),
     # what is quoted, but for keys of a profile ('youtube.min_views')
@@ -30,7 +32,7 @@ _PRIVATE = (
     (re.compile(rf"\bt[1-6]_[0-9a-z]+\b|\b(?:UC|PL|UU|OL){_ID}{{10,40}}"), MARK),
     (re.compile(rf"(?<![\w/])/?u(?:ser)?/{_ID}+"), MARK),
     (
-        re.compile(rf"\b(reddit:|wiki:|youtube:|(?:post|comment|page) )(?=\S*\d){_ID}+"),
+        re.compile(rf"\b({_PLACES}|(?:post|comment|page) )(?=\S*\d){_ID}+"),
         rf"\1{MARK}",
     ),
     # a video's id: eleven characters that are no word

@@ -88,7 +88,8 @@ def test_what_is_exported_is_what_was_kept(done: Done, source: str) -> None:
     kept.pop("transcripts", None)  # never released
     assert released == {name: exported[name] for name in kept} == kept
     for name, rows in kept.items():
-        said = f"{rows:,} {'slots of recipes' if name == 'recipes' else name}"
+        said = vocabulary.nouns({name: rows})
+        assert "_" not in said
         assert said in done.line(source, "export")
         assert said in done.block(source)
 

@@ -36,6 +36,7 @@ include = ["thing 107"]
 [release]
 contact = "me@things.org.uk"
 creators = [{{ name = "Someone" }}]
+licenses = {{ qanda = "CC-BY-SA-4.0", pairs = "CC-BY-SA-4.0" }}
 """
 # Importing kb takes most of the time of a command: one process runs several.
 COMMANDS = """

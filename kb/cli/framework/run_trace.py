@@ -72,16 +72,18 @@ def record_run(
     code: int,
     summary: Mapping[str, Any],
 ) -> None:
-    """Leave a record in the data root that the command wrote to; a warning where that fails."""
+    """Leave a record in the data root that the command wrote to, if there is one by now; a warning
+    where that fails.
+    """
     run = RUNS[-1] if RUNS else None
     if run is None or not os.access(run.root, os.W_OK):
         return
-    from kb.artifacts.table_catalog import Catalog
+    from kb.artifacts.data_roots import is_root
     from kb.store.state import run_records
 
+    if not is_root(run.root):  # a download, or the command has made nothing
+        return
     try:
-        if Catalog(run.root).is_download:
-            return
         run_records.keep(
             run.root,
             run.profile,

@@ -201,8 +201,8 @@ class Settings(BaseSettings):
             facts = [f"{name.upper()} is not set ({known[name].description})" for name in missing]
             raise MissingCredential(
                 ", ".join(facts),
-                hint=f"set {'it' if len(facts) == 1 else 'them'} in the environment or in .env;"
-                " `kb doctor` lists every one",
+                hint=f"set {'it' if len(facts) == 1 else 'them'} in the environment or in .env, as"
+                " .env.example shows; `kb doctor` lists every one",
             )
         if "kb_contact" in fields:
             self.check_contact()

@@ -128,6 +128,13 @@ WORDS: dict[str, Word] = {
     "images": Word("Images.", "{n} images"),
     "facts": Word("Fields of infoboxes.", "{n} facts"),
     "recipes": Word("Slots of recipes, one row per item in a slot.", "{n} slots of recipes"),
+    "page_text": Word("Texts of pages, as Markdown.", "{n} texts of pages"),
+    "page_links": Word("Links from page to page, by section and wording.", "{n} links of pages"),
+    "categories": Word("Categories of pages.", "{n} categories"),
+    "redirects": Word("Other titles of pages.", "{n} redirects"),
+    "recipe_edges": Word(
+        "Ingredients of recipes, a row for each outcome.", "{n} ingredients of recipes"
+    ),
     "wiki crawl.images": Word("Image files fetched in all runs.", "{n} image files"),
     "images_failed": Word("Image files that could not be fetched.", "{n} image files not fetched"),
     "robots": Word("Pages that robots.txt disallows.", "{n} barred by robots.txt"),
@@ -396,7 +403,12 @@ def count(value: Any, words: str) -> str:
 
 
 # Tables whose rows are something else than their name says.
-_NOUNS = {"recipes": "slots of recipes"}
+_NOUNS = {
+    "recipes": "slots of recipes",
+    "page_text": "texts of pages",
+    "page_links": "links of pages",
+    "recipe_edges": "ingredients of recipes",
+}
 
 
 def nouns(numbers: Mapping[str, int]) -> str:

@@ -2,9 +2,8 @@
 
 Known ids go through `info`, 100 full names a request, posts and comments together. Posts of the
 published `reddit.json` have no comment ids: their whole trees are read, with every nested reply.
-Answers wait in a work folder until every id is answered, so an interrupted run repeats only what
-was in flight; then kb.artifacts.restore adds them to the tables of earlier runs. `kb restore` of
-released folders of Reddit is the same job.
+Answers wait in a work folder until every id is answered; then kb.artifacts.restore adds them to the
+tables of earlier runs. `kb restore` of released folders of Reddit is the same job.
 
     out/posts/*.parquet  out/comments/*.parquet     the clean tables' columns, scores of models null
     out/missing.parquet                             key, reason: missing, deleted, removed, purged,
@@ -233,15 +232,17 @@ def rebuild(
 ) -> Summary:
     """Read everything and add it to the tables in `out`; with `--again` also what was answered.
 
-    `dumps` are read instead of asking Reddit. `removed` are full names that were purged elsewhere:
-    like the data root's own tombstones they are never asked for. Raises SettingError (also where
-    the tables would replace other files) and MissingCredential before anything is sent (exit 2);
-    Stopped (the same command resumes); CredentialRefused and WriterLocked (exit 1).
+    `dumps` are read instead of asking Reddit. `removed` are full names that were purged elsewhere,
+    which are never asked for. Raises MissingCredential and SettingError (also where the tables
+    would replace other files) before anything is sent, Stopped, CredentialRefused, WriterLocked.
     """
     dumps = find_dumps(run, dumps).files
+    answered = {} if run.again else _load(out).answered
+    if not (dumps or answered):
+        require(run, without=WITHOUT_KEY)
     wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, removed)
-    if not dumps and (run.again or digest not in _load(out).answered):
+    if not dumps and digest not in answered:
         require(run, without=WITHOUT_KEY)
     work = out / f"{WORK}-{digest}"
     tables.check_place(out)
@@ -262,8 +263,9 @@ def rebuild(
             otherwise=NOT_IN_DUMPS if dumps else "missing",
         )
         if dumps:
-            subreddit = "" if wanted.trees else subreddit_of(sources)
-            summary = _read_dumps(run, answers, dumps, subreddit)
+            summary = _read_dumps(
+                run, answers, dumps, "" if wanted.trees else subreddit_of(sources)
+            )
         else:
             summary = _ask(run, wanted, work, removed)
             answers = answers._replace(unanswered=unanswered(Layout(work).state("reddit")))

@@ -78,10 +78,12 @@ APPLIES = {
     "doctor": {"engine", "scheduler"},
     "build": CLUSTER,
     "update": {*CLUSTER, "wait"},
+    "diff": {"limit"},
 }
 
 
 WITHOUT = {
+    "diff": {"data", "profile"},
     "models fetch": {"data"},
     "profile new": {"data", "profile"},
     "sandbox": {"json"},
