@@ -1,9 +1,8 @@
 """`kb reddit reconstruct`: full posts and comments from ids, with a key of one's own or from dumps.
 
-Known ids go through `info`, 100 full names a request, posts and comments together. Posts of the
-published `reddit.json` have no comment ids: their whole trees are read, with every nested reply.
-Answers wait in a work folder until every id is answered; then kb.artifacts.restore adds them to the
-tables of earlier runs. `kb restore` of released folders of Reddit is the same job.
+Known ids go through `info`, 100 full names a request, posts and comments together; of posts without
+known comments, as in the published `reddit.json`, the whole trees are read. Answers wait in a work
+folder until all are there; then kb.artifacts.restore adds them to the tables of earlier runs.
 
     out/posts/*.parquet  out/comments/*.parquet     the clean tables' columns, scores of models null
     out/missing.parquet                             key, reason: missing, deleted, removed, purged,
@@ -263,9 +262,8 @@ def rebuild(
             otherwise=NOT_IN_DUMPS if dumps else "missing",
         )
         if dumps:
-            summary = _read_dumps(
-                run, answers, dumps, "" if wanted.trees else subreddit_of(sources)
-            )
+            subreddit = "" if wanted.trees else subreddit_of(sources)
+            summary = _read_dumps(run, answers, dumps, subreddit)
         else:
             summary = _ask(run, wanted, work, removed)
             answers = answers._replace(unanswered=unanswered(Layout(work).state("reddit")))
