@@ -18,9 +18,7 @@ from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 LATER = {"KB_NOW": "2027-01-20T12:00:00Z"}  # what was read in November is too old to be kept
-_SIGNED = '[release]\ncontact = "data@example.org"\ncreators = [{ name = "Doe, Jane" }]\n'
 _CHANGES = (
-    ("[release]\n", _SIGNED),
     ('search = ["guide"', 'listings = ["new"]\nsearch = []  # "guide"'),
     ("seconds_between = 1.0", "seconds_between = 0.0"),
 )
