@@ -184,7 +184,7 @@ def test_no_option_writes_into_a_download(above: Path, typed: Any) -> None:
             assert f"name another place with {option.opts[0]}" in done.said
             written += 1
     assert written > 10
-    done = typed("query", "SELECT 1", "--log", str(above / "log"), "--data", str(above))
+    done = typed("query", "--log", str(above / "log"), "--data", str(above))
     assert "the log is not written" in done.err
     done = typed("query", "--out", str(above / "new.csv"), "--data", str(above))
     assert (done.code, f"{above}, which this command only reads" in done.said) == (2, True)

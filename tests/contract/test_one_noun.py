@@ -90,7 +90,7 @@ def test_what_is_exported_is_what_was_kept(done: Done, source: str) -> None:
     for name, rows in kept.items():
         said = vocabulary.nouns({name: rows})
         assert "_" not in said
-        assert said in done.line(source, "export")
+        assert not rows or said in done.line(source, "export")
         assert said in done.block(source)
 
 

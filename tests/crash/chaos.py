@@ -175,6 +175,7 @@ class Trial:
                 str(path)
                 for path in paths
                 if path.parts[0] not in ("raw", "index")  # whose files have random names
+                and path.parts[:2] != ("state", "runs")  # each run that ends leaves one
                 and not path.name.endswith(_SETTLES)
                 and not (path.parts[0] == "restored" and path.suffix == ".parquet")
             ),

@@ -174,7 +174,7 @@ def test_another_domain_is_set_up_as_it_is_written_there(tmp_path: Path, install
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "editor.py", "gardening"]
     assert [path.name for path in (tmp_path / "data").iterdir()] == ["gardening-demo"]
     release = tmp_path / "data" / "gardening-demo" / "demo" / "release"
-    for folder in release.iterdir():
+    for folder in release.glob("*/"):
         card = (folder / "README.md").read_text(encoding="utf-8")
         assert "Gardening" in card
         assert "Minecraft" not in card
