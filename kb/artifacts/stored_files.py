@@ -12,13 +12,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from kb.artifacts.release_folder import INDEX
 from kb.core.errors import DamagedData
 from kb.store.damage import DOWNLOAD, missing, open_file, opening, unreadable
 from kb.store.rawlog.sidefiles import read_captured
 from kb.store.tables.checksums import opened, short_lines
 from kb.store.tables.remote_files import RemoteFolder, reading_at
 
-INDEX = "index.ndjson"
 _BYTES = 200_000_000  # of a file
 
 

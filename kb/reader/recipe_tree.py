@@ -20,14 +20,14 @@ _EDGES = """
 
 @dataclass
 class _Recipe:
-    """A recipe of one product. `least`: the first slot of all its outcomes."""
+    """A recipe of one product: `quantity` pieces of it, in the slot `slot`; what it `needs`."""
 
     id: str
     page_id: int
     station: str
     quantity: int
     slot: int
-    needs: list[tuple[str, int | None, int]] = field(default_factory=list)
+    needs: list[tuple[str, int]] = field(default_factory=list)
 
 
 class RecipeGraph:
@@ -61,8 +61,7 @@ class RecipeGraph:
                     slot,
                 ),
             )
-            amount = edge["ingredient_quantity"] or 1
-            recipe.needs.append((needed, edge["ingredient_page_id"], amount))
+            recipe.needs.append((needed, edge["ingredient_quantity"] or 1))
         self._recipes = {name: [*some.values()] for name, some in recipes.items()}
         self._main = main
 
@@ -107,7 +106,7 @@ class RecipeGraph:
             below = {**above, key: None}
             node["needs"] = [
                 self._node(self._names[needed.casefold()], amount * times, below)
-                for needed, _, amount in recipe.needs
+                for needed, amount in recipe.needs
             ]
         return node
 
@@ -119,7 +118,7 @@ class RecipeGraph:
         def rank(recipe: _Recipe) -> tuple[bool, bool, bool]:
             return (
                 recipe.slot > self._main[recipe.id],
-                any(self._is_made_of(needed.casefold(), key) for needed, *_ in recipe.needs),
+                any(self._is_made_of(needed.casefold(), key) for needed, _ in recipe.needs),
                 recipe.page_id != self._pages.get(key),
             )
 
@@ -129,5 +128,5 @@ class RecipeGraph:
         return any(
             needed.casefold() == thing
             for recipe in self._recipes.get(name, ())
-            for needed, *_ in recipe.needs
+            for needed, _ in recipe.needs
         )

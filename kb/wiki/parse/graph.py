@@ -37,10 +37,11 @@ def page_links(page_id: int, elements: Sequence[Row]) -> Iterator[Row]:
     parents = {element["id"]: element["parent"] for element in elements}
     kinds = {element["id"]: element["kind"] for element in elements}
     counts: Counter[tuple[str, str, str, str]] = Counter()
-    for element, section in zip(elements, _sections(elements), strict=True):
+    for element, path in zip(elements, _paths(elements), strict=True):
         shown = element["visible"] or element.get("folded")
         if not (shown and element.get("marks") and is_outermost(element["id"], parents, kinds)):
             continue
+        section = path[0] if path else ""
         for start, end, title, *_ in element["marks"]:
             if words := " ".join(element["text"][start:end].split()):
                 counts[title, section, element["region"], words] += 1
@@ -53,16 +54,6 @@ def page_links(page_id: int, elements: Sequence[Row]) -> Iterator[Row]:
             "text": words,
             "count": count,
         }
-
-
-def _sections(elements: Iterable[Row]) -> Iterator[str]:
-    """For each element the heading above it; a heading stands under itself."""
-    heading = ""
-    for element in elements:
-        level = element.get("level")
-        if level and level > 1 and element["region"] != "infobox":
-            heading = " ".join((element["text"] or "").split())
-        yield heading
 
 
 def names(page: Row, removed: Collection[str]) -> dict[str, list[Row]]:
@@ -94,14 +85,13 @@ def recipe_edges(
     and `kinds` the words of each station. Recipes without an ingredient have no rows.
     """
     sections = dict(zip((element["id"] for element in elements), _paths(elements), strict=True))
-    by_id = {element["id"]: element for element in elements}
+    parents = {element["id"]: element["parent"] for element in elements}
     captions = {
         element["parent"]: element["text"] for element in elements if element["tag"] == "caption"
     }
     for number, group in groupby(slots, lambda slot: slot["recipe_index"]):
         own = list(group)
         at = next((slot["element_id"] for slot in own if slot["element_id"] is not None), None)
-        parents = {key: element["parent"] for key, element in by_id.items()}
         around = [captions[key] for key in ancestors(at, parents) if key in captions]
         evidence = [*(shapes[number] if number < len(shapes) else ()), *around]
         station = _station([*evidence, *sections.get(at, ())], kinds)
@@ -124,13 +114,13 @@ def recipe_edges(
 
 
 def _paths(elements: Iterable[Row]) -> Iterator[tuple[str, ...]]:
-    """For each element the headings that it stands under, the nearest first."""
+    """For each element the headings that it stands under, the nearest first, itself included."""
     headings: list[tuple[int, str]] = []
     for element in elements:
         level = element.get("level")
         if level and level > 1 and element["region"] != "infobox":
             headings = [
-                (level, element["text"] or ""),
+                (level, " ".join((element["text"] or "").split())),
                 *(heading for heading in headings if heading[0] < level),
             ]
         yield tuple(text for _, text in headings)
