@@ -108,7 +108,7 @@ class LogFile(logging.handlers.RotatingFileHandler):
 @contextlib.contextmanager
 def logging_to(
     path: Path, command: str, clean: Callable[[str], str], warn: Callable[[str], None]
-) -> Iterator[None]:
+) -> Iterator[bool]:
     """Write the events of the block, and what libraries log, into a file. `clean` removes secrets.
 
     `warn` is told once, in words, where the file can't be written.
@@ -118,7 +118,7 @@ def logging_to(
     for logger in loggers:
         logger.addHandler(handler)
     try:
-        yield
+        yield True
     finally:
         for logger in loggers:
             logger.removeHandler(handler)

@@ -30,6 +30,7 @@ from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
+from kb.artifacts.table_catalog import Catalog
 from kb.artifacts.texts import exported_files
 from kb.core.context import Run
 from kb.core.engine import executor_of, map_in_order
@@ -48,7 +49,6 @@ from kb.store.tables.reading import reading
 TOKENS_A_WORD = 1.3
 LEAST_TOKENS = 32  # of a chunk: less is hardly more than its title
 _GAP = "\n\n"
-SHARD = re.compile(r".+-\d{5}-of-\d{5}\.parquet")
 # Longer ones are addresses, code or base64, of which tokenizers make tokens of one or two signs.
 _LONGEST_WORD = 20
 _SIGNS_A_TOKEN = 1.5
@@ -143,7 +143,11 @@ def export(run: Run, of: DocumentSource, out: Path | None = None, **asked: Any) 
         temporary.open("wb") as file,
         run.progress.task(f"{source} as text", total=len(parts), unit="parts") as task,
     ):
-        tasks = ((of, bucket, origin, options) for bucket in _buckets(files, main))
+        # Shards of a release are cut by size: all are read together.
+        together = {name: [*map(str, paths)] for name, paths in files.items()}
+        download = Catalog(run.root.absolute()).is_download
+        buckets = [together] if download else _buckets(files, main)
+        tasks = ((of, bucket, origin, options) for bucket in buckets)
         for lines, counted in map_in_order(executor, _lines, tasks, executor.window):
             file.write(lines)
             counts += counted
@@ -155,13 +159,10 @@ def export(run: Run, of: DocumentSource, out: Path | None = None, **asked: Any) 
 
 
 def _buckets(files: Mapping[str, Sequence[Path]], main: str) -> Iterator[TextFiles]:
-    """Of each table the files with rows of the same items. Clean and restored tables are written in
-    parts, alike in all tables; shards of a release are not, and are read together.
+    """Of each table the file with rows of the same items. Clean and restored tables are written in
+    parts, alike in all tables.
     """
     at = {name: {path.name: str(path) for path in paths} for name, paths in files.items()}
-    if any(SHARD.fullmatch(name) for name in at[main]):
-        yield {name: list(paths.values()) for name, paths in at.items()}
-        return
     for part in at[main]:
         yield {name: [paths[part]] if part in paths else [] for name, paths in at.items()}
 

@@ -148,6 +148,11 @@ class Layout:
         return self.state_folder("profile")
 
     @property
+    def runs(self) -> Path:
+        """A record of each run that wrote."""
+        return self.state_folder() / "runs"
+
+    @property
     def deposits(self) -> Path:
         """What was uploaded."""
         return self.state_folder() / "deposits.json"

@@ -254,12 +254,13 @@ def _call(
     name, start, began = _names[-1], clock.now(), clock.monotonic()
     try:
         configure_logs(debug=options.debug)
-        with logging_of(options, name):
+        with logging_of(options, name) as logged:
             EVENTS.info("begins, version %s", __version__, extra=OWN)
             answer = partial(_answer, function, raw, resumable, planned, checks, needs)
             code, summary = answer(options, values)
             seconds = clock.monotonic() - began
-            log_end(code, seconds, summary)
+            if logged:
+                log_end(code, seconds, summary)
             records = records or bool(values.get("repair"))
             if records and code != UsageError.exit_code and not values.get("plan"):
                 record_run(name, start, seconds, code, summary)

@@ -24,11 +24,11 @@ OWN = {"own": True}
 _WITHOUT_DOTENV = ("demo", "sandbox")
 
 
-def logging_of(options: Options, command: str) -> AbstractContextManager[None]:
-    """Events of the block go to the file of --log or KB_LOG, if there is one."""
+def logging_of(options: Options, command: str) -> AbstractContextManager[bool]:
+    """Events of the block go to the file of --log or KB_LOG, if there is one: whether they do."""
     path = options.log or _named(command)
     if path is None:
-        return contextlib.nullcontext()
+        return contextlib.nullcontext(False)
     from kb.artifacts.table_catalog import Catalog, refuse_download
     from kb.core.run_log import logging_to
     from kb.net import redact
@@ -41,7 +41,7 @@ def logging_of(options: Options, command: str) -> AbstractContextManager[None]:
             raise UsageError(f"{path} is inside the download {root}")
     except KbError as error:
         messages.warn(f"the log is not written: {error}")
-        return contextlib.nullcontext()
+        return contextlib.nullcontext(False)
     return logging_to(path, command, redact.text, messages.warn)
 
 
@@ -58,8 +58,6 @@ def _named(command: str) -> Path | None:
 
 def log_end(code: int, seconds: float, summary: Mapping[str, Any]) -> None:
     """The last line of a run: exit code, time, what it waits for, figures."""
-    if not any(type(handler).__name__ == "LogFile" for handler in EVENTS.handlers):
-        return
     from kb.store.state.run_records import figures, in_words
 
     words = [f"ends with exit code {code} after {seconds:.1f} s"]
@@ -82,6 +80,7 @@ def record_run(
     if run is None or not os.access(run.root, os.W_OK):
         return
     from kb.artifacts.data_roots import is_root
+    from kb.store.layout import Layout
     from kb.store.state import run_records
 
     if not is_root(run.root):  # a download, or the command has made nothing
@@ -98,4 +97,4 @@ def record_run(
             summary=summary,
         )
     except (OSError, KbError) as error:
-        messages.warn(f"the run is not recorded in {run.root}/{run_records.FOLDER}: {error}")
+        messages.warn(f"the run is not recorded in {Layout(run.root).runs}: {error}")

@@ -17,9 +17,9 @@ from kb import __version__
 from kb.core.config.profile import Profile
 from kb.core.summary import vocabulary
 from kb.store.atomic import write_bytes
+from kb.store.layout import Layout
 from kb.store.state import json_files
 
-FOLDER = "state/runs"
 MOST = 1000
 _SETTINGS = "settings.json"
 _MADE = ("made", "failed", "left out", "stopped")  # outcomes of a build's steps
@@ -97,7 +97,7 @@ def keep(
     """Write the record of a run, and remove the oldest beyond `MOST`. Raises OSError, DamagedData,
     DiskFull.
     """
-    folder = root / FOLDER
+    folder = Layout(root).runs
     record = RunRecord(
         command=command,
         version=__version__,
@@ -120,9 +120,9 @@ def keep(
 
 def kept(root: Path) -> Iterator[RunRecord]:
     """The records, the newest first. Raises DamagedData."""
-    for path in reversed(_files(root / FOLDER)):
+    for path in reversed(_files(Layout(root).runs)):
         record = json_files.read(path, RunRecord, fix=f"delete {path}")
-        if record is not None:  # an other process has removed it
+        if record is not None:  # another process has removed it
             yield record
 
 
