@@ -2,7 +2,7 @@
 
 import gzip
 import json
-import os
+import random
 import signal
 import struct
 import time
@@ -135,7 +135,7 @@ def joined(records: list[Any], end: bytes = b"\n") -> bytes:
 
 
 def records(number: int, size: int = 40) -> list[dict[str, Any]]:
-    chance = os.urandom(size * number)
+    chance = random.Random(number).randbytes(size * number)
     return [
         post(
             f"p{n:05d}",

@@ -153,8 +153,8 @@ def _import(run: Run, jobs: list[ImportJob]) -> None:
             task.advance(1, posts_and_comments=fresh, bad_lines=bad_lines)
             if cursor.problem:
                 run.progress.say(
-                    f"{cursor.file}: {cursor.problem} after {cursor.lines} lines; everything"
-                    " before it was imported"
+                    f"{cursor.file}: {cursor.problem}; the {cursor.lines} lines before it were"
+                    " imported"
                 )
             if cursor.bad_lines:
                 run.progress.say(

@@ -51,6 +51,8 @@ _PACKED = {  # what archives of earlier years and people use, and what unpacks i
     b"7z\xbc\xaf": "7z x",
 }
 _GZIP, _BOM = b"\x1f\x8b\x08", b"\xef\xbb\xbf"
+# A checksum stands at the end of a member or frame, behind records that were given already.
+_UNSURE = " (the last records before it may be wrong: an intact copy of the file replaces them)"
 
 
 @dataclass
@@ -160,7 +162,7 @@ def _of_gzip(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
         except EOFError:
             progress.truncated, progress.problem = True, "the last gzip member is cut off"
         except (OSError, zlib.error) as error:
-            progress.truncated, progress.problem = True, f"damaged gzip member: {error}"
+            progress.truncated, progress.problem = True, f"damaged gzip member: {error}{_UNSURE}"
 
 
 def _of_blocks(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
@@ -250,7 +252,7 @@ def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
             yield piece
     except zstandard.ZstdError as error:
         if not source.over:
-            progress.truncated, progress.problem = True, f"damaged frame: {error}"
+            progress.truncated, progress.problem = True, f"damaged frame: {error}{_UNSURE}"
             return
         if str(error) == _refusal():
             return
