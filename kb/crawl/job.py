@@ -76,8 +76,11 @@ def crawl_source(
     connector: Connector,
     command: str,
     only: Sequence[str] = (),
+    **options: Any,
 ) -> Summary:
-    """Crawl a source that needs no summary of its own, or `only` some kinds. Raises as `work`."""
+    """Crawl a source that needs no summary of its own, or `only` some kinds; `options` and errors
+    are those of `work`.
+    """
     kinds = [phase.kind for phase in connector.phases]
     counted = [kind for kind, noun in source.nouns.items() if noun == source.counted]
 
@@ -89,6 +92,7 @@ def crawl_source(
             source=source.name,
             counted=source.counted,
             crawled=sum(loop.answered[kind] for kind in counted),
+            crawled_in_all=sum(counts[kind].get("done", 0) for kind in counted),
             failed=sum(each.get("error", 0) for each in counts.values()),
             pending=session.frontier.waiting(*counted),
             requests=session.requests()[0],
@@ -98,7 +102,7 @@ def crawl_source(
         )
 
     phases = [phase for phase in connector.phases if phase.kind in (only or kinds)]
-    return work(run, connector, summary, phases=phases)
+    return work(run, connector, summary, phases=phases, **options)
 
 
 def check_read(connector: Connector, loop: Loop) -> None:
