@@ -87,12 +87,14 @@ def crawl_source(
     def summary(session: CrawlSession, loop: Loop) -> Summary:
         counts = {kind: session.frontier.counts(kind) for kind in kinds}
         left = source.left_by(counts)
+        skipped = (item for kind in counted for item in session.frontier.items(kind, "skipped"))
         return Summary(
             command=command,
             source=source.name,
             counted=source.counted,
             crawled=sum(loop.answered[kind] for kind in counted),
             crawled_in_all=sum(counts[kind].get("done", 0) for kind in counted),
+            missing=sum(why == "not_found" for _, _, why, _ in skipped),
             failed=sum(each.get("error", 0) for each in counts.values()),
             pending=session.frontier.waiting(*counted),
             requests=session.requests()[0],

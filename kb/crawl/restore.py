@@ -8,7 +8,7 @@ An item with a row, and one whose reason is final, is not asked for again withou
 """
 
 import shutil
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -29,7 +29,7 @@ from kb.artifacts.restore import (
 )
 from kb.core.cached_property import cached_property
 from kb.core.context import Run
-from kb.core.errors import GLOBAL_STOPS, Stopped
+from kb.core.errors import GLOBAL_STOPS, NothingRead, Stopped
 from kb.core.sources import SourceDeclaration
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPart, PlanPhase
@@ -146,7 +146,7 @@ class ItemRestore:
         run, place = self.run, self.folder.path / WORK
         if run.again and not (place / _AGAIN).exists():
             shutil.rmtree(place, ignore_errors=True)
-        stopped: Stopped | None = None
+        stopped: NothingRead | Stopped | None = None
         summary = Summary(command="restore", source=self.source.name, requests=0, units=0, failed=0)
         answered = False
         if left := self.left():
@@ -157,10 +157,10 @@ class ItemRestore:
                 summary |= self.crawl(left, place)
             except GLOBAL_STOPS:
                 raise
-            except Stopped as error:
+            except (NothingRead, Stopped) as error:
                 summary |= error.summary or {}
                 stopped = error
-            answered = bool(summary.get("crawled_in_all", 0))
+            answered = bool(summary.get("crawled_in_all") or summary.get("missing"))
         if answered:
             self.clean(replace(run, root=place, limit=None, again=False), self.source.name)
         if answered or self._has_removed():
@@ -193,19 +193,25 @@ class ItemRestore:
         """What became of the items of a work folder."""
         reasons: dict[str, MissingReason] = {}
         incomplete, own = set(), self.tables[-1].prefix
-        with state(Layout(place).state(self.source.name)) as frontier:
-            for kind, noun in self.source.nouns.items():
-                for name, status, _, _ in frontier.items(kind):
-                    key = self.source.table_of(name)[1]
-                    if status == "skipped" and noun == self.source.counted:
-                        reasons.setdefault(f"{own}{key}", MissingReason("missing"))
-                    elif status == "error":
-                        reasons[f"{own}{key}"] = MissingReason(FAILED)
-                    if status not in ("done", "skipped"):
-                        incomplete.add(key)
+        for kind, name, status in self._items(place):
+            key = self.source.table_of(name)[1]
+            if status == "skipped" and self.source.nouns[kind] == self.source.counted:
+                reasons.setdefault(f"{own}{key}", MissingReason("missing"))
+            elif status == "error":
+                reasons[f"{own}{key}"] = MissingReason(FAILED)
+            if status not in ("done", "skipped"):
+                incomplete.add(key)
         gone = {" ".join(self.source.table_of(name)) for name in self.removed}
         reasons |= dict.fromkeys(gone, MissingReason(PURGED, FOREVER))
         return Outcome(reasons, gone - {f"{own}{key}" for key in self.keys}, incomplete)
+
+    def _items(self, place: Path) -> Iterator[tuple[str, str, str]]:
+        """(kind, name, status) of what a work folder's crawl knows, where there was one."""
+        path = Layout(place).state(self.source.name)
+        if path.is_file():
+            with state(path) as frontier:
+                for kind in self.source.nouns:
+                    yield from ((kind, name, status) for name, status, *_ in frontier.items(kind))
 
     def keys_in(self, files: Sequence[Path]) -> Collection[str]:
         """The keys of items in files of the main table. Raises DamagedData."""

@@ -177,6 +177,8 @@ def test_a_killed_crawl_goes_on(place: Place) -> None:
     process.communicate()
     go_on.set()
     place.site.fault = lambda path: None
+    (filtered,) = place.run("qanda filter")  # of questions alone
+    assert (filtered["kept"], filtered["rejected"]) == (2, 2)
     before = place.site.asked["/questions"]
     place.run("qanda crawl")
     assert place.site.asked["/questions"] in (3, before + 3 - before % 3)
@@ -230,21 +232,33 @@ def test_a_download_is_restored(place: Place) -> None:
     place.site.fault = lambda path: 500 if "answers" in path else None
     (planned,) = place.run("restore download --plan", root="mine")
     assert [(phase["items"], phase["requests"]) for phase in planned["phases"]] == [(8, 1)]
-    assert place.fails("restore download", root="mine")[0] in (1, 4)
+    (failed,) = place.run("restore download", root="mine")
+    assert (failed["questions"], failed["failed"]) == (0, 7)
     assert not rows(place.folder / "mine/restored/qanda/questions")  # not without their answers
     place.site.fault = lambda path: None
     before = place.site.asked.total()
+    place.site.deleted = {*range(103, 111)}
+    code, line = place.fails("restore download", root="late")
+    assert (code, "none of 8 questions could be read" in line) == (1, True), line
+    lost = rows(place.folder / "late/restored/missing.parquet")
+    assert [one["reason"] for one in lost] == ["missing"] * 8
+    place.site.deleted = {105}
     done, again = place.run("restore download", "restore download", root="mine")
     kept = [str(key) for key in range(103, 111) if key != 105]
     assert restored(place, "questions") == kept
     assert restored(place, "answers") == sorted(f"{key}{n}" for key in kept for n in (0, 1))
     assert (done["questions"], done["missing"], again["requests"]) == (7, 1, 0)
-    assert place.site.asked.total() - before <= 5
+    assert place.site.asked.total() - before <= 6
     (gone,) = rows(place.folder / "mine/restored/missing.parquet")
     assert gone == {"source": "qanda", "part": "questions", "key": "105", "reason": "missing"}
     (place.folder / "gone.txt").write_text("105\n107\n")
     place.run("purge qanda --ids gone.txt", root="mine")
     assert not rows(place.folder / "mine/restored/missing.parquet")
+    before = place.site.asked.total()
+    place.run("restore download", root="mine")
+    lost = rows(place.folder / "mine/restored/missing.parquet")
+    assert [(one["key"], one["reason"]) for one in lost] == [("105", "purged"), ("107", "purged")]
+    assert place.site.asked.total() == before
     kept.remove("107")
     assert restored(place, "questions") == kept
     assert restored(place, "answers") == sorted(f"{key}{n}" for key in kept for n in (0, 1))
