@@ -50,6 +50,7 @@ from kb.cli.framework.options import (
     WRITTEN,
     DataUse,
     Options,
+    data_folder,
     shared_option,
 )
 from kb.cli.framework.run_trace import OWN, log_end, logging_of, record_run
@@ -315,13 +316,9 @@ def _check_places(options: Options, values: Mapping[str, Any]) -> None:
             from kb.artifacts.table_catalog import Catalog, outside, refuse_download
 
             refuse_download(values[name], f"--{name}")
-            root = _root(options.data).absolute()
+            root = data_folder(options.data).absolute()
             if Catalog(root).is_download:
                 outside(root, values[name])
-
-
-def _root(data: Path | None) -> Path:
-    return (data or Path(os.environ.get("KB_DATA") or "data")).expanduser()
 
 
 def _written(data: Path | None) -> tuple[Path, ...]:
@@ -329,7 +326,7 @@ def _written(data: Path | None) -> tuple[Path, ...]:
     that is a file.
     """
     stdout = Path("/dev/stdout").resolve()
-    return _root(data), cache_root(), Path(tempfile.gettempdir()), stdout
+    return data_folder(data), cache_root(), Path(tempfile.gettempdir()), stdout
 
 
 def _check_plan_options(

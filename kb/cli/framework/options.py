@@ -202,6 +202,11 @@ class Options:
         return root
 
 
+def data_folder(data: Path | None) -> Path:
+    """What --data names, else KB_DATA, else `data` in the working folder."""
+    return (data or Path(os.environ.get("KB_DATA") or "data")).expanduser()
+
+
 # Each command describes these itself.
 DESCRIBED = ("limit", "again", "json")
 COMMON = ("data", "profile", "quiet", "json", "debug", "log")

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.framework import messages
-from kb.cli.framework.options import RUNS
+from kb.cli.framework.options import RUNS, data_folder
 from kb.core import clock
-from kb.core.errors import KbError
+from kb.core.errors import KbError, UsageError
 from kb.core.progress import EVENTS
 
 if TYPE_CHECKING:
@@ -29,13 +29,16 @@ def logging_of(options: Options, command: str) -> AbstractContextManager[None]:
     path = options.log or _named(command)
     if path is None:
         return contextlib.nullcontext()
-    from kb.artifacts.table_catalog import refuse_download
+    from kb.artifacts.table_catalog import Catalog, refuse_download
     from kb.core.run_log import logging_to
     from kb.net import redact
 
     path = path.expanduser().absolute()
     try:
         refuse_download(path, "--log")
+        root = data_folder(options.data).absolute()
+        if Catalog(root).is_download and path.resolve().is_relative_to(root.resolve()):
+            raise UsageError(f"{path} is inside the download {root}")
     except KbError as error:
         messages.warn(f"the log is not written: {error}")
         return contextlib.nullcontext()
