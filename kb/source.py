@@ -10,7 +10,7 @@ browser.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from kb.artifacts.card_answers import CardAnswer
     from kb.artifacts.purge import PurgeRules
     from kb.artifacts.release_folder import ReleaseFolder
+    from kb.artifacts.restore import RestoreJob, WantedContent
     from kb.core.config.profile import Profile
     from kb.core.config.section import OnlineAnswer, QuestionCost
     from kb.core.context import Run
@@ -119,6 +120,16 @@ class Source(Published, ABC):
         from kb.crawl.purge import rules_by_name
 
         return rules_by_name(self.declared)
+
+    def restoring(
+        self, run: Run, content: WantedContent, clean: Callable[..., object]
+    ) -> RestoreJob:
+        """What `kb restore` brings back, where the source declares `restored`; `clean(run, source)`
+        makes clean tables of a work folder.
+        """
+        from kb.crawl.restore import ItemRestore
+
+        return ItemRestore(run, content, self.declared, self.connector, clean)
 
     # -- tables ------------------------------------------------------------------------------------
 

@@ -7,41 +7,28 @@ downloads it brings the content back with keys of their own.
     missing                what could not be had, and why; what was removed is never asked for
 """
 
-from dataclasses import replace
+from functools import partial
+from typing import cast
 
 from kb.artifacts.restore import RestoreJob, choose, write_missing
-from kb.core.config.pipeline import Recipe
-from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary import plan as planned
 from kb.crawl.job import Parts
-from kb.filters.chain import Clean, Description
 from kb.filters.filter_run import run_clean
 from kb.pairs.restore import TextRestore
 from kb.reddit.dumps.files import Dumps
 from kb.reddit.dumps.find_dumps import find_dumps
-from kb.reddit.restore.reconstruct import ThreadRestore
+from kb.registry import SOURCES
 from kb.release.folders import Folders, keep_profile, verify
 from kb.store import lock
 from kb.store.layout import Layout
 from kb.youtube.restore import VideoRestore
-from kb.youtube.section import YouTubeSection
-from kb.youtube.topic import released_stages
 
-ROWS = ("videos", "transcripts", "posts", "comments", "pairs", "filled", "differing")
-
-
-def clean(p: Profile) -> Clean:
-    """Raw answers to the tables of every available video: what is released was judged."""
-    shipped: Clean = Recipe("youtube").defined("clean")(p)
-    chain = replace(
-        shipped.chains[0],
-        stages=released_stages(p.section(YouTubeSection)),
-        scores={},
-        described=Description(),
-    )
-    return replace(shipped, chains=(chain,), scorer=None)
+ROWS = (
+    *("videos", "transcripts", "posts", "comments", "pairs", "filled", "differing"),
+    *(short for source in SOURCES.values() for short in source.declared.tables),
+)
 
 
 def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = None) -> Summary:
@@ -82,12 +69,12 @@ def plan(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = None)
 
 def _jobs(run: Run, folders: Folders, dumps: Dumps, only: str | None) -> tuple[RestoreJob, ...]:
     """One job a source; texts of pairs come last, as they are cut out of transcripts."""
-    content = choose(folders, only)
-    threads = ThreadRestore(run, content, dumps)
-    videos = VideoRestore(run, content, _sort)
-    return videos, threads, TextRestore(run, content, videos.left)
-
-
-def _sort(run: Run) -> None:
-    """The raw answers of a work folder → its clean tables, by `clean` above."""
-    run_clean(run, "youtube", recipe="restore")
+    content = choose(folders, only)._replace(dumps=dumps)
+    clean = partial(run_clean, restored=True)
+    jobs = {
+        name: source.restoring(run, content, clean)
+        for name, source in SOURCES.items()
+        if source.declared.restored
+    }
+    videos = cast("VideoRestore", jobs["youtube"])
+    return *jobs.values(), TextRestore(run, content, videos.left)

@@ -18,7 +18,7 @@ from kb.crawl.session import open_session
 from kb.registry import SOURCES
 from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, RELEASE
-from kb.store.layout import Layout
+from kb.store.layout import CAPTURED, Layout
 from kb.store.rawlog import sidefiles
 from kb.store.state.frontier import Frontier
 from kb.verify.findings import Findings
@@ -44,7 +44,7 @@ def repair(run: Run) -> tuple[Findings, list[str]]:
         lines += _make_again(run, found)
         left = look_at(run.root, run.progress) if found.entries else found
         if captured := sidefiles.suspects(run.root):
-            lines.append(f"`kb wiki crawl` fetches {len(captured):,} captured files again")
+            lines.append(f"`kb {CAPTURED} crawl` fetches {len(captured):,} captured files again")
         return left, [*lines, *_refused(run)]
 
 

@@ -6,6 +6,7 @@ cheap stages; 5. drop by views, aspect ratio, duration, age restriction; score t
 descriptions with Detoxify, drop above the threshold. Released: ids and metadata only.
 """
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -41,7 +42,7 @@ from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered, with
 from kb.youtube.parse.channels import mark
 from kb.youtube.parse.view_counting import kept_counts
 from kb.youtube.section import YouTubeSection
-from kb.youtube.topic import Topic
+from kb.youtube.topic import Topic, released_stages
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 # What rejected rows keep for readers.
@@ -95,6 +96,13 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
         *none_above(limit, SCORES, "toxicity.thresholds.youtube"),
         *(transcript_required() if section.transcripts == "required" else ()),
     )
+
+
+def restored(p: Profile, shipped: Clean) -> Clean:
+    """The tables of every available video of a release: what is released was judged."""
+    stages = released_stages(p.section(YouTubeSection))
+    chain = replace(shipped.chains[0], stages=stages, scores={}, described=Description())
+    return replace(shipped, chains=(chain,), scorer=None)
 
 
 def clean(p: Profile) -> Clean:

@@ -46,10 +46,13 @@ _BATCH, _IDS = 65_536, 200_000  # rows read at a time, ids written at a time
 
 
 class WantedContent(NamedTuple):
-    """Release folders to restore (`chosen`), out of `folders`, whose tombstones all count."""
+    """Release folders to restore (`chosen`), out of `folders`, whose tombstones all count; `dumps`
+    are files to read instead of asking a service.
+    """
 
     chosen: Sequence[ReleaseFolder]
     folders: Sequence[ReleaseFolder]
+    dumps: Sequence[Path] = ()
 
     def of(self, source: str) -> list[ReleaseFolder]:
         """The chosen folders of a source."""

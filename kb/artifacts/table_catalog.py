@@ -369,11 +369,13 @@ def check_once(views: dict[str, View], view: View) -> None:
 def _restored(root: Path) -> Iterator[View]:
     """What `kb restore` and a reconstruction brought back."""
     at = Layout(root)
-    for short in ("videos", "transcripts"):
-        doc = table(f"youtube/{short}").doc
-        place = at.restored("youtube", short)
-        yield from _view("restored", f"youtube_{short}", place, "*.parquet", doc, root)
-    yield from _reconstructed(root)
+    reconstructed = list(_reconstructed(root))
+    listed = {view.name for view in reconstructed}
+    for declared in tables().values():
+        name, place = view_name(declared), at.restored(declared.source, declared.short)
+        if declared.source in SOURCES and name not in listed:
+            yield from _view("restored", name, place, "*.parquet", declared.doc, root)
+    yield from reconstructed
     doc = table("pairs/pairs").doc
     yield from _view("restored", "pairs", at.restored("pairs"), "*.parquet", doc, root)
     doc = table("shared/missing").doc

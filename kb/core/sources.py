@@ -83,6 +83,8 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     revision    the number of the rules by which its tables are made; raised where the same input
                 gives others
     inputs      what it is made of besides the clean rows of its sources
+    restored    what `kb restore` brings back, and with what, for the card; "" for nothing
+    restored_query  a query over it, for the card
     decided_by  parts of the profile that decide its rows, where it is no source ("keywords": the
                 lines of the keyword files too)
     """
@@ -112,6 +114,8 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     revision: int = 1
     inputs: tuple[str, ...] = ()
     decided_by: tuple[str, ...] = ()
+    restored: str = ""
+    restored_query: str = ""
 
     @property
     def aging(self) -> list[tuple[str, str]]:
@@ -179,7 +183,6 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     keyless          the phase of its crawl that needs no credential, as `--only` names it
     waiting          what ends the waiting of pending rows, by their reason
     refreshed        the kind that `kb refresh` fetches; "" without such a command
-    restored         whether `kb restore` brings back its content
     linked           tables in whose texts entities are found
     parts            what these texts are called in links: "title", "body"
     indexed          tables that passages are made of
@@ -227,7 +230,6 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     keyless: str = ""
     waiting: dict[str, str] = {}
     refreshed: str = ""
-    restored: bool = False
     linked: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     indexed: tuple[str, ...] = ()
@@ -272,6 +274,12 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
             for kind in self.in_order(kinds)
         }
         return {noun: count for noun, count in left.items() if count}
+
+    def table_of(self, name: str) -> tuple[str, str]:
+        """The table of a key and the key in its rows, without what tells tables apart."""
+        prefixes = {prefix: table for table, prefix in self.tables.items()}
+        prefix = max(filter(name.startswith, prefixes), key=len, default="")
+        return prefixes.get(prefix, self.main), name.removeprefix(prefix)
 
     def without_prefixes(self, key: str, at: str) -> tuple[str, str]:
         """The key and the position of a reference without what the keys of their tables begin with:

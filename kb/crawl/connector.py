@@ -1,17 +1,26 @@
 """The interface of a connector: phases, answers, and the methods that a crawl calls."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import math
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import msgspec
 
 from kb.core import clock
+from kb.core.config.section import QuestionCost
 from kb.core.context import Run
-from kb.core.errors import SettingError
+from kb.core.errors import Retryable, SettingError
 from kb.core.summary import Summary
+from kb.crawl.quota import Quota
 from kb.crawl.share import Part
+from kb.net.retry import PATIENCE_S, TRIES, attempt, blocked
+from kb.net.session import Note
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 
@@ -85,6 +94,9 @@ def seed_requests(
         yield {name: some}
 
 
+Result = TypeVar("Result")
+
+
 @dataclass(kw_only=True)
 class Opened:
     """What a connector may use of its open data root. A crawl's session is one; this is of one
@@ -113,6 +125,43 @@ class Opened:
     def sleep(self, service: str, seconds: float) -> None:
         """Wait between two attempts. Raises what ended the service meanwhile, and Interrupted."""
         clock.sleep(seconds)
+
+    def spend(self, quota: Quota, endpoint: str, units: int = 1) -> Note:
+        """Write the ledger's row of a request that is about to be sent; what notes its outcome.
+        Raises QuotaSpent.
+        """
+        return partial(self.frontier.outcome, quota.spend(self.frontier, endpoint, units))
+
+    def attempt(self, service: str, send: Callable[[], Result], tries: int = TRIES) -> Result:
+        """What `send` returns, after several tries; with --wait, as late as the service asks.
+        Raises what `send` and `kb.net.retry.attempt` raise.
+        """
+
+        def probe() -> Result:
+            self.check(service)
+            try:
+                return send()
+            except Retryable as error:
+                if error.throttled and self.probing(service):
+                    why = f"the service still rejects requests ({error})"
+                    raise blocked(why, error.after) from None
+                raise
+
+        patience = math.inf if self.run.wait else PATIENCE_S
+        return attempt(probe, tries=tries, patience=patience, sleep=partial(self.sleep, service))
+
+
+@contextmanager
+def asking(run: Run, cost: QuestionCost) -> Iterator[Opened]:
+    """For one question to a service outside of a crawl, whose requests are counted in `cost`."""
+    with (
+        tempfile.TemporaryDirectory() as place,
+        closing(Frontier(Path(place) / "ledger.sqlite")) as frontier,
+    ):
+        try:
+            yield Opened(run=run, frontier=frontier)
+        finally:
+            cost.requests = frontier.requests()[0]
 
 
 class Connector:

@@ -76,19 +76,25 @@ def crawl_source(
     connector: Connector,
     command: str,
     only: Sequence[str] = (),
+    **options: Any,
 ) -> Summary:
-    """Crawl a source that needs no summary of its own, or `only` some kinds. Raises as `work`."""
+    """Crawl a source that needs no summary of its own, or `only` some kinds; `options` and errors
+    are those of `work`.
+    """
     kinds = [phase.kind for phase in connector.phases]
     counted = [kind for kind, noun in source.nouns.items() if noun == source.counted]
 
     def summary(session: CrawlSession, loop: Loop) -> Summary:
         counts = {kind: session.frontier.counts(kind) for kind in kinds}
         left = source.left_by(counts)
+        skipped = (item for kind in counted for item in session.frontier.items(kind, "skipped"))
         return Summary(
             command=command,
             source=source.name,
             counted=source.counted,
             crawled=sum(loop.answered[kind] for kind in counted),
+            crawled_in_all=sum(counts[kind].get("done", 0) for kind in counted),
+            missing=sum(why == "not_found" for _, _, why, _ in skipped),
             failed=sum(each.get("error", 0) for each in counts.values()),
             pending=session.frontier.waiting(*counted),
             requests=session.requests()[0],
@@ -98,7 +104,7 @@ def crawl_source(
         )
 
     phases = [phase for phase in connector.phases if phase.kind in (only or kinds)]
-    return work(run, connector, summary, phases=phases)
+    return work(run, connector, summary, phases=phases, **options)
 
 
 def check_read(connector: Connector, loop: Loop) -> None:

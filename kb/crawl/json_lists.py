@@ -22,7 +22,7 @@ from kb.core.sources import SourceDeclaration
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read
 from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
-from kb.crawl.json_service import JsonService, units_per_day
+from kb.crawl.json_service import JsonService, quota_of
 from kb.crawl.share import Part, share
 from kb.schema.coerce import inner
 from kb.store.layout import Layout
@@ -262,7 +262,7 @@ class JsonLists(Connector):
                 hours = asked * self._source.service.seconds_between / 3600
                 spent = asked * units.get(phase.path, 1)
                 lines.append(PlanPhase(phase.unit, items, asked, spent, hours))
-        per_day = units_per_day(self._run, self._source)
+        per_day = quota_of(self._run, self._source).per_day
         days = math.ceil(sum(line.units for line in lines) / per_day) if per_day else None
         assumed = ["one page a list, and nothing that is not listed yet"]
         more = {} if days is None else {"days": days}

@@ -1,7 +1,7 @@
 """The first part of a purge, which needs a source's raw answers and state under its lock."""
 
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,7 +11,7 @@ from kb.artifacts import purge_raw
 from kb.artifacts.purge import Purge, PurgeLine, PurgeRules
 from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_people import PeopleList
-from kb.artifacts.purge_rows import location_of, shared_locations
+from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.sources import SourceDeclaration
@@ -19,7 +19,7 @@ from kb.crawl.connector import Connector, Opened
 from kb.crawl.id_list import IdRules, ListedId
 from kb.crawl.session import open_session
 from kb.schema.tables import table
-from kb.store.layout import Layout
+from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.recorder import replay_segment
 from kb.store.state import tombstones
@@ -128,19 +128,26 @@ def rules_by_name(source: SourceDeclaration) -> PurgeRules:
         fresh = {key: why for key, why in lost.items() if key not in before}
         return steps.with_named(steps.by_presence(purge), fresh)
 
-    def bare(keys: Collection[str]) -> Iterator[str]:
-        for key in keys:  # answers have them without what tells tables apart
-            prefixes = [prefix for prefix in source.tables.values() if key.startswith(prefix)]
-            yield key.removeprefix(max(prefixes, key=len, default=""))
-
     return PurgeRules(
         source.name,
         ids_of(source).some_ids_in,
         rows=(
             *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
+            *(_restored(source) if source.restored else ()),
             *shared_locations(source.name),
         ),
         items=tuple(source.nouns),
-        answers=purge_raw.AnswerRules(texts=bare),
+        answers=purge_raw.AnswerRules(texts=lambda keys: (source.table_of(key)[1] for key in keys)),
         find=absent,
     )
+
+
+def _restored(source: SourceDeclaration) -> Iterator[RowLocation]:
+    """Restored rows, by their own key and by that of the item that they belong to."""
+    item = table(f"{source.name}/{source.main}").key[0], source.tables[source.main]
+    for short, prefix in source.tables.items():
+        name, place = f"{source.name}/{short}", BELOW.restored(source.name)
+        for column, before in dict.fromkeys(((table(name).key[0], prefix), item)):
+            yield RowLocation(str(place / short), name, column, before)
+        yield RowLocation(str(place), "shared/missing", "key", prefix)
+        yield RowLocation(str(BELOW.restored()), "shared/missing", "key", prefix, source.name)

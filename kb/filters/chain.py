@@ -156,6 +156,13 @@ class Judged(NamedTuple):
     pending: pa.Table
 
 
+class KeptRows(dict[str, pa.Table]):
+    """Kept rows by table; none of a table that the bucket has no rows of."""
+
+    def __missing__(self, name: str) -> pa.Table:
+        return table(name).arrow().empty_table()
+
+
 def judge_chain(
     rows: pa.Table,
     chain: Chain,
@@ -171,7 +178,7 @@ def judge_chain(
     out. Raises SchemaMismatch when a stage reads a column that is not there.
     """
     if chain.relate is not None:
-        rows = chain.relate(rows, kept or {})
+        rows = chain.relate(rows, KeptRows(kept or {}))
     out: dict[str, list[pa.Table]] = {verdict: [] for verdict in VERDICTS}
     joined = False
     for position, stage in enumerate(chain.stages):

@@ -24,7 +24,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts import domain_binding, freshness, index, manifest
-from kb.core.config.pipeline import recipe_of
+from kb.core.config.pipeline import Recipe, recipe_of
 from kb.core.context import Run
 from kb.core.engine import Workers, executor_of, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError, NothingKept
@@ -50,15 +50,15 @@ from kb.store.tables.shard_writer import write_table
 _WHY = {"rejected": ("stage", "reason"), "failed": ("reason",)}  # columns that explain a verdict
 
 
-def run_clean(run: Run, source: str, recipe: str = "") -> Summary:
-    """Filter a source's raw answers, by the recipe of that name instead of the source's own.
+def run_clean(run: Run, source: str, *, restored: bool = False) -> Summary:
+    """Filter a source's raw answers; of those that are `restored` every row that is there passes.
     Returns the tally, counts by stage, and anomalies.
 
     Raises FatalError without raw data, CountMismatch, WriterLocked, DiskFull, and what the scorer
     raises without its model.
     """
     run.profile.section(source)
-    job = _job(run, source, recipe)
+    job = _job(run, source, restored=restored)
     spec = spec_of(job)
     key = spec.scorer.check(run, source) if spec.scorer is not None else ""
     _segments(run.root, spec)  # without any, nothing is written
@@ -134,9 +134,10 @@ def check_kept(run: Run, source: str, summary: Summary) -> Summary:
     raise error
 
 
-def _job(run: Run, source: str, recipe: str = "") -> FilterJob:
+def _job(run: Run, source: str, *, restored: bool = False) -> FilterJob:
     return FilterJob(
-        recipe=recipe_of(run.profile, recipe or source),
+        recipe=Recipe(source) if restored else recipe_of(run.profile, source),
+        restored=restored,
         profile=run.profile.model_dump_json(),
         profile_path=str(run.profile.path),
         source=source,

@@ -15,6 +15,7 @@ the recipe is made of its name or text. No function holds more than a bucket.
 import json
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -49,12 +50,17 @@ class FilterJob(NamedTuple):
     out: str = ""
     buckets: int = 1
     scores: str = ""
+    restored: bool = False  # what is released was judged, so that all rows that are there pass
 
 
 @lru_cache(maxsize=8)
-def _recipe_spec(recipe: Recipe, profile: str, profile_path: str, source: str) -> Clean:
+def _recipe_spec(
+    recipe: Recipe, profile: str, profile_path: str, source: str, restored: bool
+) -> Clean:
     made = Profile.model_validate({**json.loads(profile), "path": profile_path})
     spec = recipe.defined("clean")(made)
+    if restored:
+        spec = recipe.defined("restored", unjudged)(made, spec)
     if not isinstance(spec, Clean) or spec.source != source:
         where = recipe.path or recipe.name
         raise FatalError(f"{where}: clean(p) must return the Clean of {source}")
@@ -62,7 +68,13 @@ def _recipe_spec(recipe: Recipe, profile: str, profile_path: str, source: str) -
 
 
 def spec_of(job: FilterJob) -> Clean:
-    return _recipe_spec(job.recipe, job.profile, job.profile_path, job.source)
+    return _recipe_spec(job.recipe, job.profile, job.profile_path, job.source, job.restored)
+
+
+def unjudged(profile: Profile, spec: Clean) -> Clean:
+    """The same tables with every row."""
+    chains = (replace(chain, stages=(), scores={}) for chain in spec.chains)
+    return replace(spec, chains=tuple(chains), scorer=None)
 
 
 def decode_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict[str, Any]:

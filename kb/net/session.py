@@ -19,7 +19,7 @@ from requests.adapters import HTTPAdapter
 from kb import __version__
 from kb.core.config.addresses import in_the_clear
 from kb.core.config.settings import Settings
-from kb.core.errors import FatalError, ItemFinal, KbError, Retryable
+from kb.core.errors import FatalError, ItemFinal, KbError, Retryable, SettingError
 from kb.net import bounded, redact
 from kb.net.certificates import authorities, untrusted
 from kb.net.proxies import proxy_of
@@ -39,7 +39,8 @@ _NO_ADDRESS = (
     requests.TooManyRedirects,
 )
 
-Note = Callable[[str], None]
+Note = Callable[..., None]
+"""Notes what became of a request: (outcome, *, sent=True)."""
 Ledger = Callable[[requests.PreparedRequest], Note | None]
 """Writes the row of a request before it goes out; what it returns notes the outcome. May raise."""
 Stray = Callable[[str], Exception]
@@ -127,7 +128,7 @@ class Door(HTTPAdapter):
                 bounded.read(response)
         except BaseException as error:
             if note is not None:
-                note(type(error).__name__)
+                note(type(error).__name__, sent=not never_sent(error))
             if problem := untrusted(error, request.url or ""):
                 raise problem from None
             raise
@@ -200,12 +201,12 @@ def failure(error: Exception, url: str) -> KbError:
     return Retryable(what, unreachable=isinstance(error, _BROKEN))
 
 
-def never_sent(error: Exception) -> bool:
-    """Whether no connection was made (refused, no address, a proxy, a handshake, a time-out), so
-    that the service knows nothing of the request.
+def never_sent(error: BaseException) -> bool:
+    """Whether no connection was made (refused, no address, a proxy, a handshake, a time-out, a
+    wrong setting), so that the service knows nothing of the request.
     """
     cause = error.args[0] if error.args else None
-    return isinstance(
+    return isinstance(error, SettingError) or isinstance(
         getattr(cause, "reason", cause),
         (
             urllib3.exceptions.ConnectTimeoutError,

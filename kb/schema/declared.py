@@ -43,6 +43,12 @@ def problems(source: SourceDeclaration, settings: Collection[str]) -> Iterator[s
             yield f"{file}: a key of {other} ({longer}…) may be one of {one} ({prefix}…)"
     if source.counted not in source.nouns.values():
         yield f"{file}: `counted` is {source.counted}, which is in no line of [nouns]"
+    item = f"{source.name}/{source.main}"
+    if source.restored and item in declared:
+        (key, *_) = declared[item].key
+        for short in source.tables.keys() & shorts:
+            if key not in declared[f"{source.name}/{short}"].names():
+                yield f"{file}: `restored` needs the column {key} in tables/{source.name}/{short}"
     if source.refreshed and source.refreshed not in source.nouns:
         yield f"{file}: `refreshed` is {source.refreshed}, which is not in [nouns]"
     for name in (source.credential, source.service.key if source.service else ""):

@@ -19,6 +19,8 @@ index/<source>/            what `kb search` reads, and in a note what it was mad
 from dataclasses import dataclass
 from pathlib import Path
 
+from kb.core.sources import SOURCES
+
 TOP = (
     "raw",
     "state",
@@ -39,7 +41,7 @@ TOP = (
 VERDICTS = ("rejected", "failed", "pending")
 """Folders beside a source's clean tables: what became of the rows that were not kept."""
 
-CAPTURED = "wiki"
+CAPTURED = next(name for name, source in SOURCES.items() if source.files)
 """The source with captured files beside its raw answers."""
 
 _PAIRS = ("pairs/pairs", "pairs/quality", "pairs/scores")

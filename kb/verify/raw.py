@@ -107,7 +107,7 @@ def lost_side_files(findings: Findings, root: Path) -> None:
 
 
 def _refetch_hint() -> str:
-    return "run `kb verify --repair`, then `kb wiki crawl` and `kb wiki filter`"
+    return f"run `kb verify --repair`, then `kb {CAPTURED} crawl` and `kb {CAPTURED} filter`"
 
 
 def _named(root: Path) -> tuple[dict[str, str], set[str]]:

@@ -18,9 +18,9 @@ from kb.crawl.share import Part, share
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import reading
-from kb.youtube.crawl import quota
 from kb.youtube.crawl.fetch import PACK
 from kb.youtube.crawl.ids import RULES
+from kb.youtube.crawl.quota import GENERAL, SEARCH, quota
 from kb.youtube.crawl.reduce import (
     CHANNELS,
     PAYLOADS,
@@ -98,8 +98,8 @@ def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
             calls=sum(one.requests for one in phases),
             transcript_hours=round(hours, 1),
             days=round(days, 2),
-            searches_left_today=max(0, profile.searches_per_day - state["spent"]["search"]),
-            units_left_today=max(0, profile.units_per_day - state["spent"]["general"]),
+            searches_left_today=max(0, profile.searches_per_day - state["spent"][SEARCH]),
+            units_left_today=max(0, profile.units_per_day - state["spent"][GENERAL]),
         )
     )
 
@@ -131,18 +131,18 @@ def _state(run: Run) -> dict[str, Any]:
     path = Layout(run.root).state("youtube")
     empty: dict[str, Any] = {
         "kinds": {},
-        "spent": {"search": 0, "general": 0},
+        "spent": {SEARCH: 0, GENERAL: 0},
         "open_searches": None,
         "open": False,
     }
     if not path.is_file():
         return empty
-    day = quota.today()
+    section = run.profile.section(YouTubeSection)
     with reading.state(path, PAYLOADS) as frontier:
         return {
             "kinds": frontier.kinds(),
             "open": any(frontier.ready(kind) for kind in (SEARCHES, UPLOADS, VIDEOS)),
-            "spent": {bucket: frontier.spent(bucket, day) for bucket in ("search", "general")},
+            "spent": {name: quota(section, name).used(frontier) for name in (SEARCH, GENERAL)},
             "open_searches": [
                 payload.page
                 for *_, payload in frontier.items(SEARCHES, "todo", "in_progress", "error")

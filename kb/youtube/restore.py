@@ -1,48 +1,27 @@
-"""Videos and transcripts of released folders, as a job of `kb restore`.
+"""Videos and transcripts of released folders, as a job of `kb restore`."""
 
-    restored/youtube/videos, transcripts     the clean tables' columns, scores of models null
-    restored/youtube/missing.parquet         what could not be restored, with the reason
-    restored/youtube/.work                   raw data and state of a crawl that has not finished
-
-A video with a row, and one whose reason is final, is not asked for again without --again.
-"""
-
-import shutil
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts.restore import (
-    FAILED,
-    FOREVER,
-    MISSING,
-    PURGED,
-    WORK,
-    MissingReason,
-    RestoredTable,
-    RestoreFolder,
-    WantedContent,
-)
+from kb.artifacts.restore import FAILED, FOREVER, PURGED, MissingReason, RestoredTable
 from kb.core.cached_property import cached_property
-from kb.core.context import Run
-from kb.core.errors import GLOBAL_STOPS, Stopped
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPart
 from kb.crawl.job import work
+from kb.crawl.restore import ItemRestore, Outcome
 from kb.schema.video_facts import NOT_PUBLIC
 from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.state import tombstones
 from kb.store.tables import parquet
-from kb.store.tables.partition import Shuffle
 from kb.store.tables.reading import reading
 from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
-from kb.youtube.section import YouTubeSection
 
 VIDEO, TRANSCRIPT = "video ", "transcript "  # prefixes of names in missing.parquet
 TABLES = (
@@ -50,49 +29,28 @@ TABLES = (
     RestoredTable("youtube/videos", VIDEO),
 )
 NONE, UNKNOWN = "none", "unknown"  # kinds of a transcript: the video has none, or reading it failed
-_AGAIN = "again"  # in a work folder: everything is read again
 _COLUMNS = ("video_id", "transcript_kind")
 
 
 @dataclass(frozen=True)
-class VideoRestore:
-    """Restores videos of released tables and pairs; `clean` makes clean tables of raw answers."""
-
-    run: Run
-    content: WantedContent
-    clean: Callable[[Run], object]
+class VideoRestore(ItemRestore):
+    """Restores videos of released tables and pairs."""
 
     @property
-    def folder(self) -> RestoreFolder:
-        """The restored tables."""
-        path = Layout(self.run.root).restored("youtube")
-        return RestoreFolder(path, TABLES, "video_id", "shared/missing", rows_per_bucket=10_000)
+    def tables(self) -> tuple[RestoredTable, ...]:
+        return TABLES
 
     @cached_property
-    def kinds(self) -> dict[str, str]:
+    def keys(self) -> dict[str, str]:
         """Each wanted video, and the kind of transcript it was released with."""
-        kinds: dict[str, str] = {}
-        for one in self.content.chosen:
-            for path in (*one.shards("videos"), *one.shards("pairs")):
-                with reading([path]):
-                    kinds |= _kinds(path)
-        return kinds
+        folders, tables = self.content.chosen, ("videos", "pairs")
+        return _kinds(path for one in folders for short in tables for path in one.shards(short))
 
     @cached_property
     def removed(self) -> set[str]:
-        """Videos that the releases or this data root list as removed."""
+        """Videos that the releases, of pairs too, or this data root list as removed."""
         own = tombstones.keys(self.run.root, "youtube")
         return self.content.removed("youtube", "pairs") | own
-
-    @property
-    def wanted(self) -> bool:
-        return bool(self.kinds)
-
-    def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
-        """As `RestoreJob.check`. Raises ProfileError without [youtube]."""
-        if self.wanted:
-            self.run.profile.section(YouTubeSection)
-        return (*needed, "youtube_api_key") if self.left() else needed
 
     def plan(self) -> PlanPart:
         """As `RestoreJob.plan`."""
@@ -103,87 +61,31 @@ class VideoRestore:
         phases = [videos.of(f"YouTube's Data API, {key}"), transcripts.of("youtube.com, no key")]
         return PlanPart(phases, [f"{REQUESTS_A_TRANSCRIPT} requests a transcript"])
 
-    def left(self) -> list[str]:
-        """The wanted videos that have to be asked for, in order. Raises DamagedData."""
-        known = {*self.removed}
-        if not self.run.again:
-            known |= {key for key, kind in self._restored().items() if kind != UNKNOWN}
-            known |= {
-                name.removeprefix(VIDEO)
-                for name, one in self.folder.missing().items()
-                if name.startswith(VIDEO) and one.reason != FAILED
-            }
-        return [key for key in self.kinds if key not in known]
+    def crawl(self, left: list[str], place: Path) -> Summary:
+        """As of any source."""
+        write_text(place / "ids.txt", "".join(f"{key}\n" for key in left))
+        asking = YouTubeConnector(self.run, _available, ids=place / "ids.txt")
+        try:
+            return work(
+                self.run,
+                asking,
+                asking.summary,
+                place=place,
+                phases=asking.chosen,
+                removed=self.removed,
+            )
+        finally:
+            self.removed.update(asking.theirs)
 
-    def restore(self) -> Summary:
-        """As `RestoreJob.restore`. Raises MissingCredential, DamagedData."""
-        run, place = self.run, self.folder.path / WORK
-        if run.again and not (place / _AGAIN).exists():
-            shutil.rmtree(place, ignore_errors=True)
-        wanted = self.left()
-        stopped: Stopped | None = None
-        summary = Summary(command="restore", source="youtube", requests=0, units=0, failed=0)
-        if wanted:
-            write_text(place / "ids.txt", "".join(f"{key}\n" for key in wanted))
-            if run.again:
-                write_text(place / _AGAIN, "")
-            source = YouTubeConnector(run, _available, ids=place / "ids.txt")
-            try:
-                summary |= work(
-                    run,
-                    source,
-                    source.summary,
-                    place=place,
-                    phases=source.chosen,
-                    removed=self.removed,
-                )
-            except GLOBAL_STOPS:
-                raise
-            except Stopped as error:
-                summary |= error.summary or {}
-                stopped = error
-            self.removed.update(source.theirs)
-        answered = bool(wanted) and summary.get("crawled_in_all", 0)
-        if answered:
-            self.clean(replace(run, root=place, limit=None, again=False))
-        if answered or self._has_removed():
-            self._merge(place)
-        if not stopped and not summary["failed"]:
-            shutil.rmtree(place, ignore_errors=True)
-        summary |= self.folder.counts()
-        if stopped is not None:
-            stopped.summary = summary
-            raise stopped
-        return summary
+    def restored(self) -> list[str]:
+        """Restored videos but for those whose transcript could not be read. Raises DamagedData."""
+        kinds = _kinds(parquet_files(self.folder.path / "videos"))
+        return [key for key, kind in kinds.items() if kind != UNKNOWN]
 
-    def missing(self) -> pa.Table | None:
-        """As `RestoreJob.missing`."""
-        path = self.folder.path / MISSING
-        return parquet.read_table(path) if path.is_file() else None
-
-    def _restored(self) -> dict[str, str]:
-        """Each restored video and the kind of its transcript. Raises DamagedData."""
-        kinds: dict[str, str] = {}
-        for path in parquet_files(self.folder.path / "videos"):
-            with reading([path]):
-                kinds |= _kinds(path)
-        return kinds
-
-    def _has_removed(self) -> bool:
-        """Whether removed videos are in the tables, or wanted ones are not listed yet."""
-        listed = {name for name, one in self.folder.missing().items() if one.reason == PURGED}
-        unlisted = (key for key in self.kinds if f"{VIDEO}{key}" not in listed)
-        return not self.removed.isdisjoint([*self._restored(), *unlisted])
-
-    def _merge(self, place: Path) -> None:
-        """Clean tables of the work folder → the restored ones, and the reasons of the rest."""
-        clean, scratch = Layout(place), place / "rows"
-        shutil.rmtree(scratch, ignore_errors=True)
-        scratch.mkdir(parents=True)
-        fresh = {one: parquet_files(clean.clean(*one.name.split("/"))) for one in TABLES}
-        videos: dict[str, str] = {}
-        for path in fresh[TABLES[1]]:
-            videos |= _kinds(path)
+    def outcome(self, place: Path) -> Outcome:
+        """Of videos and their transcripts, which have verdicts."""
+        clean = Layout(place)
+        videos = _kinds(parquet_files(clean.clean("youtube", "videos")))
         # A transcript that could not be read this time keeps the restored one.
         reasons = {
             f"{TRANSCRIPT}{key}": MissingReason(NONE if kind == NONE else FAILED)
@@ -191,7 +93,7 @@ class VideoRestore:
             if kind in (NONE, UNKNOWN)
         }
         unlisted = {
-            f"{TRANSCRIPT}{key}" for key in videos if self.kinds.get(key, NONE) == videos[key]
+            f"{TRANSCRIPT}{key}" for key in videos if self.keys.get(key, NONE) == videos[key]
         }
         lost = {key: MissingReason(PURGED, FOREVER) for key in self.removed}
         for verdict in ("failed", "rejected"):
@@ -202,15 +104,8 @@ class VideoRestore:
         for key, why in lost.items():
             reasons |= {f"{VIDEO}{key}": why, f"{TRANSCRIPT}{key}": why}
             unlisted.add(f"{TRANSCRIPT}{key}")
-        unlisted |= {f"{VIDEO}{key}" for key in self.removed if key not in self.kinds}
-        folder = self.folder
-        buckets = folder.buckets(len(videos))
-        for one, paths in fresh.items():
-            with Shuffle(scratch, f"new-{one.declared.short}", buckets) as shuffle:
-                for path in paths:
-                    rows = parquet.read_table(path)
-                    shuffle.write(rows, rows["video_id"])
-        folder.merge(scratch, buckets, reasons, unlisted=unlisted)
+        unlisted |= {f"{VIDEO}{key}" for key in self.removed if key not in self.keys}
+        return Outcome(reasons, unlisted)
 
 
 def _available(videos: Any) -> list[str]:
@@ -221,8 +116,12 @@ def _available(videos: Any) -> list[str]:
     return cast("list[str]", rows["video_id"].to_pylist())
 
 
-def _kinds(path: Path) -> dict[str, str]:
-    """Videos of a table and the kinds of their transcripts."""
-    rows = parquet.read_table(path, columns=[*_COLUMNS])
-    ids, kinds = (cast("list[str]", rows[name].to_pylist()) for name in _COLUMNS)
-    return dict(zip(ids, kinds, strict=True))
+def _kinds(paths: Iterable[Path]) -> dict[str, str]:
+    """Videos of tables and the kinds of their transcripts. Raises DamagedData."""
+    kinds: dict[str, str] = {}
+    for path in paths:
+        with reading([path]):
+            rows = parquet.read_table(path, columns=[*_COLUMNS])
+        ids, of_ids = (cast("list[str]", rows[name].to_pylist()) for name in _COLUMNS)
+        kinds |= zip(ids, of_ids, strict=True)
+    return kinds

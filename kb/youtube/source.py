@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from kb.artifacts.purge import PurgeRules
     from kb.artifacts.release_folder import ReleaseFolder
+    from kb.artifacts.restore import RestoreJob, WantedContent
     from kb.core.config.profile import Profile
     from kb.core.config.section import OnlineAnswer, QuestionCost
     from kb.core.context import Run
@@ -56,6 +57,13 @@ class YouTube(Source):
         from kb.youtube.status import status
 
         return status(run, frontier)
+
+    def restoring(
+        self, run: Run, content: WantedContent, clean: Callable[..., object]
+    ) -> RestoreJob:
+        from kb.youtube.restore import VideoRestore
+
+        return VideoRestore(run, content, self.declared, self.connector, clean)
 
     def texts(self, table: str, path: Path) -> Iterator[TextPart]:
         from kb.links.texts import in_columns, in_transcripts

@@ -15,7 +15,7 @@ from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
-from kb.youtube.crawl import quota
+from kb.youtube.crawl.quota import BUCKETS, quota
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, with_po_token
 from kb.youtube.section import YouTubeSection
 
@@ -25,11 +25,11 @@ def status(run: Run, frontier: Frontier) -> dict[str, Any]:
     _, units = frontier.requests()
     buckets: dict[str, Any] = {}
     if (section := run.profile.section_if_any(YouTubeSection)) is not None:
-        day, reset_at = quota.today(), clock.stamp(quota.next_reset())
-        for bucket in quota.BUCKETS:
-            spent, limit = frontier.spent(bucket, day), quota.limit(section, bucket)
-            left = max(0, limit - spent)
-            buckets[bucket] = {"spent": spent, "left": left, "limit": limit, "resets_at": reset_at}
+        for asked in (quota(section, bucket) for bucket in BUCKETS):
+            spent, limit = asked.used(frontier), asked.per_day
+            left, resets_at = max(0, limit - spent), clock.stamp(asked.reset())
+            row = {"spent": spent, "left": left, "limit": limit, "resets_at": resets_at}
+            buckets[asked.bucket] = row
     return {"units": units, "quota": buckets, "po_token": with_po_token(frontier)}
 
 

@@ -99,9 +99,9 @@ class Place:
             text=True,
         )
 
-    def fails(self, command: str, **environment: str) -> tuple[int, str]:
+    def fails(self, command: str, root: str = "root", **environment: str) -> tuple[int, str]:
         """The exit code of a command, and its last line."""
-        process = self.start(command, **environment)
+        process = self.start(command, root=root, **environment)
         _, errors = process.communicate(timeout=120)
         return process.returncode, errors.strip().splitlines()[-1]
 
@@ -177,6 +177,8 @@ def test_a_killed_crawl_goes_on(place: Place) -> None:
     process.communicate()
     go_on.set()
     place.site.fault = lambda path: None
+    (filtered,) = place.run("qanda filter")  # of questions alone
+    assert (filtered["kept"], filtered["rejected"]) == (2, 2)
     before = place.site.asked["/questions"]
     place.run("qanda crawl")
     assert place.site.asked["/questions"] in (3, before + 3 - before % 3)
@@ -193,7 +195,7 @@ def test_from_crawl_to_purge(place: Place) -> None:
     assert place.released("answers") == [f"{key}0" for key in kept]  # others have negative scores
     card = (place.root / "release/qanda/README.md").read_text()
     assert "Questions about Things and their answers" in card
-    assert "kb restore" not in card  # it can't bring these back
+    assert "kb restore . --data ../restored    # titles and texts, with your own QANDA_KEY" in card
     croissant = json.loads((place.root / "release/qanda/croissant.json").read_text())
     assert {"questions", "answers"} <= {one["@id"] for one in croissant["recordSet"]}
     query = "kb.load('root/release/qanda').sql('SELECT min(score) FROM qanda_questions')"
@@ -220,6 +222,60 @@ def test_from_crawl_to_purge(place: Place) -> None:
     assert place.released("questions") == [*left, "111"]
     assert verified["files_damaged"] == 0
     assert place.site.asked["/questions/107/answers"] == 0
+
+
+def test_a_download_is_restored(place: Place) -> None:
+    """Interrupted, resumed, after a deletion; what is purged leaves the restored rows as well."""
+    place.run("qanda crawl", "build")
+    shutil.copytree(place.root / "release/qanda", place.folder / "download")
+    place.site.deleted = {105}
+    place.site.fault = lambda path: 500 if "answers" in path else None
+    (planned,) = place.run("restore download --plan", root="mine")
+    assert [(phase["items"], phase["requests"]) for phase in planned["phases"]] == [(8, 1)]
+    (failed,) = place.run("restore download", root="mine")
+    assert (failed["questions"], failed["failed"]) == (0, 7)
+    assert not rows(place.folder / "mine/restored/qanda/questions")  # not without their answers
+    place.site.fault = lambda path: None
+    before = place.site.asked.total()
+    place.site.deleted = {*range(103, 111)}
+    code, line = place.fails("restore download", root="late")
+    assert (code, "none of 8 questions could be read" in line) == (1, True), line
+    lost = rows(place.folder / "late/restored/missing.parquet")
+    assert [one["reason"] for one in lost] == ["missing"] * 8
+    place.site.deleted = {105}
+    done, again = place.run("restore download", "restore download", root="mine")
+    kept = [str(key) for key in range(103, 111) if key != 105]
+    assert restored(place, "questions") == kept
+    assert restored(place, "answers") == sorted(f"{key}{n}" for key in kept for n in (0, 1))
+    assert (done["questions"], done["missing"], again["requests"]) == (7, 1, 0)
+    assert place.site.asked.total() - before <= 6
+    (gone,) = rows(place.folder / "mine/restored/missing.parquet")
+    assert gone == {"source": "qanda", "part": "questions", "key": "105", "reason": "missing"}
+    (place.folder / "gone.txt").write_text("105\n107\n")
+    place.run("purge qanda --ids gone.txt", root="mine")
+    assert not rows(place.folder / "mine/restored/missing.parquet")
+    before = place.site.asked.total()
+    place.run("restore download", root="mine")
+    lost = rows(place.folder / "mine/restored/missing.parquet")
+    assert [(one["key"], one["reason"]) for one in lost] == [("105", "purged"), ("107", "purged")]
+    assert place.site.asked.total() == before
+    kept.remove("107")
+    assert restored(place, "questions") == kept
+    assert restored(place, "answers") == sorted(f"{key}{n}" for key in kept for n in (0, 1))
+
+
+def restored(place: Place, table: str) -> list[str]:
+    """The keys of a restored table, in order, with texts in each row."""
+    key, sql = f"{table[:-1]}_id", f"FROM restored.qanda_{table} WHERE body IS NOT NULL"
+    answers = place.python(
+        f"import kb; print(*(row['{key}'] for row in kb.load('mine').sql('{sql} ORDER BY {key}')))"
+    )
+    return answers.split()
+
+
+def rows(place: Path) -> list[dict[str, Any]]:
+    """The rows of a Parquet file or of those in a folder, none without any."""
+    return ds.dataset(place).to_table().to_pylist() if place.exists() else []
 
 
 def test_two_machines_share_a_crawl(place: Place) -> None:
@@ -268,6 +324,9 @@ def test_its_key_is_asked_for_and_shown_nowhere(place: Place) -> None:
     assert "the questions and answers' API" in line["fix"]
     code, told = place.fails("qanda crawl")
     assert (code, "`kb doctor " in told, "lists every one" in told) == (2, True, True)
+    (place.folder / ".env").write_text("QANDA_KYE=mistyped\n")
+    _, warned = place.start("status").communicate(timeout=120)
+    assert "did you mean QANDA_KEY?" in warned
     (place.folder / ".env").write_text(f"QANDA_KEY={KEY}\n")
     place.site.title = lambda key: f"Is {KEY} my key?"
     place.run("qanda crawl", "qanda filter")
@@ -315,6 +374,7 @@ def read(place: Place, ref: str) -> str:
         ("sources/qanda.toml", 'answers = "a"', 'answers = "q"', "a key of answers"),
         ("sources/qanda.toml", 'kinds = ["question", "answer"]\n', "", "`kinds` says nothing"),
         ("sources/qanda.toml", "[settings.qanda_key]", "[settings.other]", "setting qanda_key"),
+        ("tables/qanda/answers.toml", '"question_id"', '"question"', "`restored` needs the column"),
         ("tables/qanda/answers.toml", "items[].score", "items[].votes", r"column score: .*votes"),
         ("raw/qanda/pages.json", '"x-keys"', "x-keys", r"raw/qanda/pages\.json: not readable"),
     ],

@@ -12,8 +12,8 @@ import pytest
 
 from tests.test_arrows import ROOT, parsed, python_files
 
-ROOMS = {"artifacts", "core", "crawl", "explore", "filters", "links"}
-ROOMS |= {"mcp", "query", "release", "report", "search", "store"}
+ROOMS = {"annotate", "artifacts", "core", "crawl", "explore", "filters", "links", "look", "mcp"}
+ROOMS |= {"net", "query", "release", "report", "schema", "search", "store", "verify"}
 NAMED = re.compile(r"(?i)(?<![a-z])(youtube|wiki|reddit)(?![a-z])")
 LEFT = {
     "kb/core/config/profile/new.py": "an example in the text of a keyword list",
@@ -21,10 +21,9 @@ LEFT = {
     "kb/core/config/settings.py": "the settings that Lorecrawl itself has",
     "kb/core/summary/vocabulary.py": "what the numbers of the shipped commands count",
     "kb/core/video_names.py": "names of files as yt-dlp writes them",
-    "kb/store/layout.py": "the folder of captured pages",
     "kb/store/artifact_registry.py": "what `kb reddit reconstruct` writes",
     "kb/links/build.py": "an entity's own page, a column of links/entities",
-    "kb/artifacts/table_catalog.py": "the two sources that `kb restore` brings back",
+    "kb/artifacts/table_catalog.py": "where `kb reddit reconstruct` writes",
 }
 
 

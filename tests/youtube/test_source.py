@@ -24,10 +24,11 @@ def test_units_of_all_days_and_what_is_left_of_today(
     run = Run(load_settings(dotenv=False), profile, tmp_path)
     frontier = Frontier(tmp_path / "youtube.sqlite")
     monkeypatch.setenv("KB_NOW", "2026-11-19T12:00:00Z")
-    quota.spend(frontier, profile.section("youtube"), quota.GENERAL, "videos.list")
+    section = profile.section("youtube")
+    quota.quota(section, quota.GENERAL).spend(frontier, "videos.list", 1)
     monkeypatch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
     for bucket in (quota.GENERAL, quota.SEARCH, quota.SEARCH):
-        quota.spend(frontier, profile.section("youtube"), bucket, "x")
+        quota.quota(section, bucket).spend(frontier, "x", 1)
     frontier.add(TRANSCRIPTS, ["a", "b"])
     frontier.skip(TRANSCRIPTS, "a", PO_TOKEN)
     found = status(run, frontier)

@@ -17,7 +17,7 @@ from kb.cli.framework.options import Dumps, Options, Plan
 from kb.core.config.pipeline import Recipe
 from kb.core.context import Run
 from kb.core.errors import KbError, ReleaseRefused, SettingError
-from kb.core.sources import SOURCES
+from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
 
 release_app = group("Check, describe and publish release/.")
@@ -182,7 +182,7 @@ restore_app = group("Restore the content of a downloaded release with your own k
 
 
 # Parts that can be restored; releases of the other sources are complete.
-_PARTS = (*(name for name, source in SOURCES.items() if source.restored), "pairs")
+_PARTS = [name for name, published in PUBLISHED.items() if published.restored]
 RestorePart = StrEnum("RestorePart", _PARTS)  # type: ignore[misc]
 
 

@@ -35,13 +35,14 @@ from kb.core.suggestions import similar
 
 _log = logging.getLogger("kb.settings")
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
-_OURS = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_")  # what names of settings begin with
 _OF_TESTS = ("KB_TEST_", "KB_BENCH_", "KB_RECORDED")
 _LATIN = re.compile("[\x00-\xff]*")
 _ADDRESSES = ("_endpoint", "_web", "_url")  # a name and a password may stand in them
 REDDIT = ("reddit_client_id", "reddit_client_secret", "kb_contact")  # what asking Reddit needs
 # What the packages of sources add.
 _ADDED = {name: one for source in SOURCES.values() for name, one in source.settings.items()}
+# What names of settings begin with.
+_OURS = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_", *(f"{n.split('_')[0]}_".upper() for n in _ADDED))
 # Secrets, of which an empty one says something.
 _MAY_BE_EMPTY = (
     "youtube_api_key",

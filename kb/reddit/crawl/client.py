@@ -7,6 +7,7 @@ the ledger before it is sent and a signal ends every wait.
 import math
 from collections.abc import Callable
 from datetime import timedelta
+from functools import partial
 from typing import Any
 
 import praw
@@ -25,12 +26,14 @@ from kb.core.config.section import (
     OnlineAnswer,
     QuestionCost,
 )
-from kb.core.config.settings import REDDIT, Settings
+from kb.core.config.settings import REDDIT
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
+from kb.crawl.connector import Opened, Phase, asking
+from kb.crawl.quota import Quota
 from kb.net.rate import Pace
-from kb.net.retry import PATIENCE_S, attempt
-from kb.net.session import HttpSession, host_of
+from kb.net.retry import PATIENCE_S
+from kb.net.session import HttpSession, Note, host_of
 from kb.reddit.crawl.errors import consequence, problem, too_deep
 from kb.reddit.section import RedditSection
 
@@ -39,9 +42,6 @@ OAUTH = "https://oauth.reddit.com"
 LISTED = 100  # most things of a listing's page
 
 _LONGEST_S = 86_400.0  # a window has 600 s
-
-Spend = Callable[[str, int], Callable[[str], None]]
-"""Writes a ledger row for (endpoint, units) and returns what notes the request's outcome."""
 
 
 def _silent(text: str) -> None:
@@ -81,6 +81,14 @@ class Limiter:
         Blocked for a long wait.
         """
         self._pace.wait()
+        self.check()
+        left = self._until - clock.monotonic()
+        if left > 0:
+            self._say(f"waiting {math.ceil(left)} s for Reddit's window")
+        clock.sleep(left)
+
+    def check(self) -> None:
+        """Raises Blocked where the window's end is too far to be waited for."""
         left = self._until - clock.monotonic()
         if left > PATIENCE_S:
             back = clock.now() + timedelta(seconds=math.ceil(left))
@@ -91,9 +99,6 @@ class Limiter:
                 after=left,
                 until=back,
             )
-        if left > 0:
-            self._say(f"waiting {math.ceil(left)} s for Reddit's window")
-        clock.sleep(left)
 
     def heed(self, headers: Any) -> None:
         """Take in `x-ratelimit-*`; an answer without them, or with unreadable ones, changes
@@ -120,41 +125,37 @@ class Client:
     anyway.
     """
 
-    def __init__(
-        self,
-        settings: Settings,
-        spend: Spend,
-        *,
-        requests_per_minute: float = 100,
-        max_tries: int = 5,
-        say: Callable[[str], None] = _silent,
-    ) -> None:
-        """`say` tells the user of a wait. Raises MissingCredential before anything is sent."""
+    def __init__(self, opened: Opened, section: RedditSection) -> None:
+        """Raises MissingCredential before anything is sent."""
+        settings = opened.run.settings
         settings.require(*REDDIT)
         self._id = settings.need("reddit_client_id")
         self._secret = settings.need("reddit_client_secret")
         self._settings = settings
         self._root = settings.kb_reddit_endpoint or ""
         self._hosts = {host_of(root) for root in ((self._root,) if self._root else (ROOT, OAUTH))}
-        self._spend = spend
-        self._tries = max_tries
+        self._opened, self._tries = opened, section.max_tries
         public = not (self._root and is_loopback(self._root))
-        self._limiter = Limiter(Pace(60 / requests_per_minute if public else 0), say)
+        pace = Pace(60 / section.requests_per_minute if public else 0)
+        self._limiter = Limiter(pace, opened.run.progress.say)
         self._reddit: Any = None
 
     def get(self, path: str, params: dict[str, Any]) -> Any:
         """The JSON answer of a GET. Raises as `_ask`."""
-        return attempt(lambda: self._ask("GET", path, params, None), tries=self._tries)
+        return self._attempt("GET", path, params, None)
 
     def post(self, path: str, data: dict[str, Any]) -> Any:
         """The JSON answer of a POST that only reads (morechildren). Raises as `_ask`."""
-        return attempt(lambda: self._ask("POST", path, None, data), tries=self._tries)
+        return self._attempt("POST", path, None, data)
 
     def info(self, fullnames: list[str]) -> Any:
         """The Listing of up to 100 full names, posts and comments together; unknown ones are left
         out.
         """
         return self.get("api/info/", {"id": ",".join(fullnames), "raw_json": 1})
+
+    def _attempt(self, *asked: Any) -> Any:
+        return self._opened.attempt(Phase.service, partial(self._ask, *asked), self._tries)
 
     def _ask(
         self, method: str, path: str, params: dict[str, Any] | None, data: dict[str, Any] | None
@@ -174,7 +175,10 @@ class Client:
         except RecursionError:
             raise too_deep(path) from None
         except wrong.PrawcoreException as error:
-            raise consequence(error, path) from None
+            follows = consequence(error, path)
+            if isinstance(follows, Retryable):
+                self._limiter.check()  # it knows when to come back
+            raise follows from None
         wrong_form = problem(path, answer)
         if wrong_form:
             raise Retryable(f"{wrong_form} at {path}")
@@ -182,11 +186,11 @@ class Client:
 
     def _connected(self) -> Any:
         if self._reddit is None:
-            session = HttpSession(self._settings, hosts=self._hosts, ledger=self._ledger_row)
+            session = HttpSession(self._settings, hosts=self._hosts, ledger=self._row)
             self._reddit = _praw(self._id, self._secret or None, session, self._root, self._limiter)
         return self._reddit
 
-    def _ledger_row(self, request: requests.PreparedRequest) -> Callable[[str], None]:
+    def _row(self, request: requests.PreparedRequest) -> Note:
         """The row of a request, by its path without ids; the token's own requests cost nothing of
         the window.
         """
@@ -194,7 +198,9 @@ class Client:
         path = url.partition("?")[0].partition("://")[2].partition("/")[2]
         parts = [part for part in path.split("/") if part]
         endpoint = "/".join(parts[:1] if parts[:1] == ["comments"] else parts[:3]) or "/"
-        return self._spend(endpoint, 0 if "access_token" in url else 1)
+        if "access_token" in url:
+            return self._opened.spend(Quota("token"), endpoint, 0)
+        return self._opened.spend(Quota("requests"), endpoint)
 
 
 def _praw(
@@ -270,17 +276,11 @@ def _check_token(response: requests.Response) -> None:
 def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
     """The subreddit's own page; the token before it is a request as well."""
     section = run.profile.section(RedditSection)
-
-    def spend(endpoint: str, units: int) -> Callable[[str], None]:
-        cost.requests += 1
-        return lambda outcome: None
-
-    client = Client(
-        run.settings, spend, requests_per_minute=section.requests_per_minute, max_tries=1
-    )
     name = section.subreddit
     try:
-        about = client.get(f"r/{name}/about/", {"raw_json": 1}).get("data", {})
+        with asking(run, cost) as opened:
+            client = Client(opened, section.model_copy(update={"max_tries": 1}))
+            about = client.get(f"r/{name}/about/", {"raw_json": 1}).get("data", {})
     except ItemFinal as fact:
         why = {
             "redirect": "there is no subreddit of that name",

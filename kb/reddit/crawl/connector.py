@@ -232,19 +232,7 @@ class RedditConnector(Subreddit):
     @cached_property
     def _fetch(self) -> RedditFetcher:
         """Made with the first request."""
-        frontier = self.opened.frontier
-
-        def spend(endpoint: str, units: int) -> Callable[[str], None]:
-            row = frontier.spend("requests" if units else "token", units, endpoint)
-            return lambda outcome: frontier.outcome(row, outcome)
-
-        client = Client(
-            self.run.settings,
-            spend,
-            requests_per_minute=self.section.requests_per_minute,
-            max_tries=self.section.max_tries,
-            say=self.run.progress.say,
-        )
+        client = Client(self.opened, self.section)
         people = tombstones.people(self.run.root, self.name)
         scrubber = Scrubber(load_key(self.run.root), people)
         return RedditFetcher(

@@ -392,11 +392,10 @@ def _counts(out: Path, done: Done) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class ThreadRestore:
-    """Restores posts and comments into restored/reddit; `dumps` are read instead of Reddit."""
+    """Restores posts and comments into restored/reddit; dumps are read instead of Reddit."""
 
     run: Run
     content: WantedContent
-    dumps: Sequence[Path]
 
     @property
     def wanted(self) -> bool:
@@ -407,7 +406,7 @@ class ThreadRestore:
         """As `RestoreJob.check`. Raises ProfileError without [reddit], MissingCredential."""
         if self.wanted:
             self.run.profile.section(RedditSection)
-            if not self.dumps and not self._is_answered():
+            if not self.content.dumps and not self._is_answered():
                 require(self.run, *needed, without=WITHOUT_KEY)
         return needed
 
@@ -418,15 +417,15 @@ class ThreadRestore:
         if self._is_answered():
             return PlanPart()
         key = f"Reddit, {self.run.settings.named('reddit_client_id')}"
-        summary = plan_rebuild(self.run, self._folders(), self.dumps)
+        summary = plan_rebuild(self.run, self._folders(), self.content.dumps)
         phases = [PlanPhase(**phase) for phase in summary["phases"]]
-        whom = "dumps, no key" if self.dumps else key
+        whom = "dumps, no key" if self.content.dumps else key
         return PlanPart([phase.of(whom) for phase in phases], [str(summary["assumed"])])
 
     def restore(self) -> Summary:
         """As `RestoreJob.restore`. Raises as `rebuild`."""
         out, removed = Layout(self.run.root).restored("reddit"), self.content.removed("reddit")
-        return rebuild(self.run, self._folders(), out, dumps=self.dumps, removed=removed)
+        return rebuild(self.run, self._folders(), out, dumps=self.content.dumps, removed=removed)
 
     def missing(self) -> pa.Table | None:
         """As `RestoreJob.missing`; the prefix of a full name tells posts from comments."""
@@ -443,7 +442,7 @@ class ThreadRestore:
         """Whether an earlier run got an answer for everything, so that `restore` asks nothing."""
         out, removed = Layout(self.run.root).restored("reddit"), self.content.removed("reddit")
         wanted, _ = asked_for(self._folders(), out)
-        done = _digest(wanted, self.dumps, removed) in _load(out).answered
+        done = _digest(wanted, self.content.dumps, removed) in _load(out).answered
         return done and not self.run.again
 
     def _folders(self) -> list[Path]:

@@ -88,6 +88,8 @@ def card(run: Run, facts: Facts, changed: Changes) -> str:
         bibtex=bibtex(run, facts),
         first={  # what templates/first_screen.md.jinja says
             "query": PUBLISHED[facts.source].query,
+            "restored": PUBLISHED[facts.source].restored,
+            "restored_query": PUBLISHED[facts.source].restored_query,
             "archive": next((one.name for one in facts.others if one.name.endswith(".tar")), None),
             "picture": picture(facts),
         },

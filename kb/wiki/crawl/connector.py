@@ -30,6 +30,7 @@ from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
 from kb.crawl.id_list import IdList
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
+from kb.crawl.quota import Quota
 from kb.crawl.session import CrawlSession
 from kb.net.session import Note
 from kb.store.layout import Layout
@@ -240,10 +241,8 @@ class WikiConnector(Connector):
 
     def _row(self, request: PreparedRequest) -> Note:
         """Add a row to the ledger before each request except those of the browsers."""
-        frontier = self.opened.frontier
         name = urlsplit(request.url or "").path.rpartition("/")[2]
-        row = frontier.spend("requests", 1, name if name in _NAMED else "file")
-        return lambda outcome: frontier.outcome(row, outcome)
+        return self.opened.spend(Quota("requests"), name if name in _NAMED else "file")
 
     # -- what is needed before anything is asked -------------------------------------------------
 

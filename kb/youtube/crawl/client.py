@@ -6,11 +6,8 @@ wording.
 """
 
 import json
-import math
-import tempfile
 from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import httplib2
@@ -21,20 +18,12 @@ from googleapiclient.errors import HttpError
 from kb.core import terminal
 from kb.core.config.section import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.context import Run
-from kb.core.errors import (
-    Challenged,
-    CredentialRefused,
-    ItemFinal,
-    KbError,
-    Retryable,
-    SettingError,
-    Untrusted,
-)
-from kb.crawl.connector import Opened
-from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
-from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
-from kb.store.state.frontier import Frontier
-from kb.youtube.crawl import quota
+from kb.core.errors import Challenged, CredentialRefused, ItemFinal, KbError, Retryable
+from kb.crawl.connector import Opened, asking
+from kb.crawl.quota import Quota
+from kb.net.retry import blocked, retry_after
+from kb.net.session import HttpSession, Note, failure, host_of, user_agent
+from kb.youtube.crawl.quota import API, GENERAL, SEARCH, STATISTICS, quota
 from kb.youtube.section import YouTubeSection
 
 GOOGLE = "https://youtube.googleapis.com"
@@ -72,10 +61,10 @@ class YouTubeApi:
     With `--wait` it sleeps however long the service asks for.
     """
 
-    def __init__(self, run: Run, profile: YouTubeSection, opened: Opened, *, service: str) -> None:
-        settings = run.settings
+    def __init__(self, profile: YouTubeSection, opened: Opened) -> None:
+        settings = opened.run.settings
         endpoint = settings.kb_youtube_endpoint or GOOGLE
-        session = HttpSession(settings, hosts={host_of(endpoint)})
+        session = HttpSession(settings, hosts={host_of(endpoint)}, ledger=self._row)
         # build() only reads a file of the package, so that no error of its own shows the key.
         self._client = build(
             "youtube",
@@ -87,28 +76,27 @@ class YouTubeApi:
             client_options={"api_endpoint": endpoint},
         )
         self._agent = user_agent(settings.kb_contact)  # Google's client would put its own there
-        self._profile, self._opened, self._service = profile, opened, service
-        self._frontier = opened.frontier
-        self._patience = math.inf if run.wait else PATIENCE_S
+        self._profile, self._opened = profile, opened
+        self._asked = quota(profile, GENERAL), ""  # what the ledger calls the request
 
     def search(self, **params: Any) -> dict[str, Any]:
         """search.list: the one call of the search bucket."""
-        return self._call(quota.SEARCH, "search.list", self._client.search().list(**params))
+        return self._call(SEARCH, "search.list", self._client.search().list(**params))
 
     def playlist_items(self, **params: Any) -> dict[str, Any]:
         """playlistItems.list. Raises ItemFinal("not_found") for a list that does not exist."""
         return self._call(
-            quota.GENERAL, "playlistItems.list", self._client.playlistItems().list(**params)
+            GENERAL, "playlistItems.list", self._client.playlistItems().list(**params)
         )
 
     def videos(self, **params: Any) -> dict[str, Any]:
         """videos.list, up to 50 ids; ids that are gone are absent from the answer."""
-        return self._call(quota.GENERAL, "videos.list", self._client.videos().list(**params))
+        return self._call(GENERAL, "videos.list", self._client.videos().list(**params))
 
     def statistics(self, **params: Any) -> dict[str, Any]:
         """videos.batchGetStats, up to 50 ids; an id that is left out may exist all the same."""
         return self._call(
-            quota.STATISTICS, "videos.batchGetStats", self._client.videos().batchGetStats(**params)
+            STATISTICS, "videos.batchGetStats", self._client.videos().batchGetStats(**params)
         )
 
     def close(self) -> None:
@@ -117,39 +105,19 @@ class YouTubeApi:
     def _call(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
         """The answer, after several tries."""
         request.headers["user-agent"] = self._agent
-        return attempt(
-            lambda: self._probe(bucket, endpoint, request),
-            tries=self._profile.max_tries,
-            patience=self._patience,
-            sleep=partial(self._opened.sleep, self._service),
-        )
+        self._asked = quota(self._profile, bucket), endpoint
+        return self._opened.attempt(API, partial(self._once, request), self._profile.max_tries)
 
-    def _probe(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
-        """One try; after a block the first one decides whether it still stands."""
-        try:
-            return self._once(bucket, endpoint, request)
-        except Retryable as error:
-            if error.throttled and self._opened.probing(self._service):
-                raise blocked(
-                    f"the YouTube API still rejects requests ({error})", error.after
-                ) from None
-            raise
-
-    def _once(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
-        row = quota.spend(self._frontier, self._profile, bucket, endpoint)
+    def _once(self, request: Any) -> dict[str, Any]:
+        asked, endpoint = self._asked
         try:
             # num_retries=0: the client would retry the 429 of a bucket that is spent for the day.
             answer = request.execute(num_retries=0)
         except HttpError as error:
             # Never the client's own text: it holds the URL, and so the key.
-            self._frontier.outcome(row, str(error.resp.status))
             after = retry_after(error.resp.get("retry-after"), error.resp.get("date"))
-            raise meaning(int(error.resp.status), _json(error.content), bucket, after) from None
-        except (SettingError, Untrusted) as error:  # nothing was sent
-            self._frontier.outcome(row, type(error).__name__, sent=False)
-            raise
+            raise meaning(int(error.resp.status), _json(error.content), asked, after) from None
         except (requests.RequestException, OSError, ValueError, RecursionError) as error:
-            self._frontier.outcome(row, type(error).__name__, sent=not never_sent(error))
             broken = failure(error, endpoint)
             unreachable = isinstance(broken, Retryable) and broken.unreachable
             raise Retryable(
@@ -157,10 +125,11 @@ class YouTubeApi:
             ) from None
         if not isinstance(answer, dict):
             # A body that was cut off comes back as text, without an error.
-            self._frontier.outcome(row, "truncated")
             raise Retryable(f"a truncated answer of {endpoint}")
-        self._frontier.outcome(row, "200")
         return answer
+
+    def _row(self, request: requests.PreparedRequest) -> Note:
+        return self._opened.spend(*self._asked)
 
 
 def _json(content: Any) -> Any:
@@ -198,7 +167,7 @@ class Transport:
         self._session.close()
 
 
-def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> KbError:
+def meaning(status: int, body: Any, asked: Quota, after: float | None = None) -> KbError:
     """The error to raise for an error answer: QuotaSpent, CredentialRefused, Blocked,
     Challenged, ItemFinal or Retryable.
 
@@ -220,7 +189,7 @@ def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> 
     ]
     shown = min(reasons) if reasons else f"http_{status}"
     if reasons & _SPENT or (status == 429 and any("PerDay" in name for name in limits)):
-        return quota.spent(bucket)
+        return asked.spent()
     if status == 429 or reasons & _BURST:
         return Retryable(f"{shown} ({status})", after=after, throttled=True)
     if status >= 500:
@@ -249,16 +218,11 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
     """One channel search: 1 of the search bucket's units."""
     section = run.profile.section(YouTubeSection)
     words = section.keywords[0]
-    with tempfile.TemporaryDirectory() as place:
-        ledger = Frontier(Path(place) / "ledger.sqlite")
-        try:
-            once = section.model_copy(update={"max_tries": 1})
-            api = YouTubeApi(run, once, Opened(run=run, frontier=ledger), service="api")
-            cost.requests = cost.units = 1
-            answer = api.search(q=words, type="channel", part="snippet", maxResults=5)
-            api.close()
-        finally:
-            ledger.close()
+    with asking(run, cost) as opened:
+        api = YouTubeApi(section.model_copy(update={"max_tries": 1}), opened)
+        cost.units = 1
+        answer = api.search(q=words, type="channel", part="snippet", maxResults=5)
+        api.close()
     items = answer.get("items", [])
     titles = [terminal.shown(str(one.get("snippet", {}).get("title", ""))) for one in items]
     searched = f"a search for {terminal.shown(words)}"

@@ -40,9 +40,9 @@ from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
 from kb.store.tables.columns import newest
 from kb.youtube.crawl.client import FINAL, GOOGLE
-from kb.youtube.crawl.fetch import API, PACK, WEB, YouTubeFetcher
+from kb.youtube.crawl.fetch import PACK, YouTubeFetcher
 from kb.youtube.crawl.ids import RULES
-from kb.youtube.crawl.quota import GENERAL, SEARCH, limit, today
+from kb.youtube.crawl.quota import API, GENERAL, SEARCH, WEB, quota
 from kb.youtube.crawl.reduce import (
     BEYOND,
     CHANNELS,
@@ -306,7 +306,7 @@ class YouTubeConnector(Connector):
             self.left_out,
             by_id=self._known is not None,
         )
-        self._fetch = YouTubeFetcher(self.run, self.profile, opened, self._count)
+        self._fetch = YouTubeFetcher(self.profile, opened, self._count)
 
     def seeds(self, frontier: Frontier) -> Iterator[dict[str, Any]]:
         """The ids of the list that are this part's share."""
@@ -368,8 +368,8 @@ class YouTubeConnector(Connector):
         """The quota that a phase spends, for its progress."""
         if phase.service == WEB:
             return {}
-        spent = self.opened.frontier.spent(phase.bucket, today())
-        return {"quota": f"{spent:,}/{limit(self.profile, phase.bucket):,}"}
+        asked = quota(self.profile, phase.bucket)
+        return {"quota": f"{asked.used(self.opened.frontier):,}/{asked.per_day:,}"}
 
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What the run did, what failed and what is left."""

@@ -6,14 +6,12 @@ from functools import partial
 from typing import Any
 
 from kb.core.config.addresses import is_loopback
-from kb.core.context import Run
 from kb.core.errors import ItemFinal, Retryable
 from kb.crawl.connector import Answer, Opened
 from kb.crawl.limits import check_length
 from kb.net.rate import Pace
 from kb.store.state.frontier import Item
 from kb.youtube.crawl.client import YouTubeApi
-from kb.youtube.crawl.quota import WEB as SITE_BUCKET
 from kb.youtube.crawl.reduce import (
     RAW_LIST,
     RAW_SEARCH,
@@ -33,7 +31,6 @@ from kb.youtube.crawl.transcripts import SITE, Fetcher
 from kb.youtube.parse import answers as parse
 from kb.youtube.section import YouTubeSection
 
-API, WEB = "api", "web"  # services
 PACK = 50  # ids a call, and entries a page: the API's largest
 PAGES = 2_000  # of a list of uploads, of which the API gives 20,000 videos
 PARTS = "snippet,contentDetails,statistics,status,player"
@@ -48,9 +45,9 @@ class YouTubeFetcher:
     `count` is given what was had, by the names of the summary, when it was recorded.
     """
 
-    def __init__(self, run: Run, profile: YouTubeSection, opened: Opened, count: Count) -> None:
-        self._run, self._profile, self._opened, self._count = run, profile, opened, count
-        local = is_loopback(run.settings.kb_youtube_web or SITE)
+    def __init__(self, profile: YouTubeSection, opened: Opened, count: Count) -> None:
+        self._profile, self._opened, self._count = profile, opened, count
+        local = is_loopback(opened.run.settings.kb_youtube_web or SITE)
         self._pace = Pace(0 if local else 3600 / profile.transcripts_per_hour)
         self._api: YouTubeApi | None = None
         self._idle: list[Fetcher] = []
@@ -79,7 +76,7 @@ class YouTubeFetcher:
     def api(self) -> YouTubeApi:
         """The API's client, made when it is first needed."""
         if self._api is None:
-            self._api = YouTubeApi(self._run, self._profile, self._opened, service=API)
+            self._api = YouTubeApi(self._profile, self._opened)
         return self._api
 
     def _search(self, items: list[Item]) -> Iterator[Answer]:
@@ -130,17 +127,10 @@ class YouTubeFetcher:
         with self._lock:  # one that no other thread has
             fetcher = self._idle.pop() if self._idle else None
         if fetcher is None:
-            fetcher = Fetcher(
-                self._run.settings,
-                self._profile,
-                self._pace,
-                self._spend,
-                sleep=partial(self._opened.sleep, WEB),
-                wait=self._run.wait,
-            )
+            fetcher = Fetcher(self._profile, self._pace, self._opened)
         second = kind == RAW_SECOND_TRACKS
         try:
-            answer = fetcher.fetch(item.key, probe=self._opened.probing(WEB), second=second)
+            answer = fetcher.fetch(item.key, second=second)
         except Retryable as error:
             if error.unreachable:
                 raise  # no answer, so nothing to record
@@ -159,11 +149,6 @@ class YouTubeFetcher:
         )
         asked = "second_tracks_asked" if second else "transcripts_asked"
         self._count(**{kind: int(outcome == "ok"), asked: int(outcome != "failed")})
-
-    def _spend(self, endpoint: str) -> None:
-        """The ledger's row of a request to the site. Raises as `Opened.check`."""
-        self._opened.check(WEB)
-        self._opened.frontier.spend(SITE_BUCKET, 0, endpoint)
 
 
 def _never_final(call: Callable[[], dict[str, Any]]) -> dict[str, Any]:

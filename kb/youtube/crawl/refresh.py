@@ -33,7 +33,7 @@ from kb.store.state import tombstones
 from kb.store.state.frontier import ROUND, Frontier, going_on
 from kb.youtube.crawl import quota
 from kb.youtube.crawl.connector import YouTubeConnector
-from kb.youtube.crawl.fetch import API, PACK
+from kb.youtube.crawl.fetch import PACK
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS
 from kb.youtube.parse import answers as parse
 from kb.youtube.section import YouTubeSection
@@ -45,7 +45,7 @@ READ = Phase(
     name="refresh",
     batch=PACK,
     packed=True,
-    service=API,
+    service=quota.API,
     bucket=quota.GENERAL,
     limited=True,
 )
@@ -54,7 +54,7 @@ COUNT = Phase(
     unit="videos",
     feeds=(REFRESH,),
     batch=PACK,
-    service=API,
+    service=quota.API,
     bucket=quota.STATISTICS,
     limited=True,
 )

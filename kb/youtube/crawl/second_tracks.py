@@ -21,7 +21,7 @@ from kb.crawl.session import CrawlSession
 from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier
 from kb.youtube.crawl.connector import YouTubeConnector
-from kb.youtube.crawl.fetch import WEB
+from kb.youtube.crawl.quota import WEB
 from kb.youtube.crawl.reduce import FINAL, RAW_SECOND_TRACKS, RAW_TRANSCRIPTS, SECOND_TRACKS
 from kb.youtube.parse.answers import PO_TOKEN
 from kb.youtube.plan import phase_of_tracks

@@ -7,8 +7,7 @@ automatic translated. The library reads YouTube's plain form, which has no word 
 tracks are read in the form srv3, which has them, and in the plain form where that fails.
 """
 
-import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 from urllib.parse import parse_qs, urljoin, urlsplit
 from xml.etree.ElementTree import ParseError
@@ -18,13 +17,12 @@ import urllib3
 import youtube_transcript_api as lib
 from youtube_transcript_api import YouTubeTranscriptApi
 
-from kb.core.config.settings import Settings
 from kb.core.errors import Challenged, Retryable
 from kb.core.languages import is_same_language, tag
+from kb.crawl.connector import Opened
 from kb.net.rate import Pace
-from kb.net.retry import PATIENCE_S, attempt, blocked
-from kb.net.session import Door, HttpSession, failure, refusal
-from kb.youtube.crawl import player
+from kb.net.session import Door, HttpSession, Ledger, Note, failure, refusal
+from kb.youtube.crawl import player, quota
 from kb.youtube.parse.answers import FORMAT
 from kb.youtube.section import YouTubeSection
 from kb.youtube.ytdlp import subtitles
@@ -42,29 +40,14 @@ WORD_TIMES = "fmt=srv3"  # what the site adds to a track's address, and the libr
 class Fetcher:
     """Fetches transcripts, one at a time: one for each thread, as sessions are not thread-safe."""
 
-    def __init__(
-        self,
-        settings: Settings,
-        profile: YouTubeSection,
-        pace: Pace,
-        before: Callable[[str], None],
-        *,
-        sleep: Callable[[float], None] | None = None,
-        wait: bool = False,
-    ) -> None:
-        """`before` is called with the endpoint's name before each request (the ledger), `sleep`
-        between the tries.
-
-        Either may raise, which ends the video. With `wait` it sleeps however long the site asks
-        for.
-        """
-        self._profile, self._pace, self._sleep = profile, pace, sleep
-        self._patience = math.inf if wait else PATIENCE_S
+    def __init__(self, profile: YouTubeSection, pace: Pace, opened: Opened) -> None:
+        self._profile, self._pace, self._opened = profile, pace, opened
+        settings = opened.run.settings
         # The library's own User-Agent would be Python's; the site serves any, so ours says who we
         # are.
         self._session = HttpSession(settings)
         self._session.max_redirects = REDIRECTS
-        self._session.mount("", SiteDoor(settings.kb_youtube_web, before))
+        self._session.mount("", SiteDoor(settings.kb_youtube_web, self._row))
         self._session.hooks["response"].append(self._inspect)
         self._page, self._answer, self._needs_token, self._is_empty = "", None, False, False
         self._api = YouTubeTranscriptApi(http_client=self._session)
@@ -72,10 +55,9 @@ class Fetcher:
     def close(self) -> None:
         self._session.close()
 
-    def fetch(self, video_id: str, *, probe: bool = False, second: bool = False) -> dict[str, Any]:
+    def fetch(self, video_id: str, *, second: bool = False) -> dict[str, Any]:
         """The `response` of a transcripts envelope; `outcome` says what became of it.
 
-        `probe`: the site turned us away before, so the first 429 says that it still does.
         `second`: the automatic track, of a video that has a manual one. Raises Blocked and
         Challenged, which are no facts about the video, and Retryable after the last try.
         """
@@ -90,15 +72,15 @@ class Fetcher:
                 empty += self._is_empty
                 if empty == EMPTY_TRIES:  # it stays so for hours
                     return {"video_id": video_id, "outcome": "failed", "reason": error.reason}
-                if probe and error.throttled:
-                    raise blocked(
-                        f"YouTube still turns this address away ({error})", error.after
-                    ) from None
                 raise
 
-        return attempt(
-            once, tries=self._profile.max_tries, patience=self._patience, sleep=self._sleep
-        )
+        return self._opened.attempt(quota.WEB, once, self._profile.max_tries)
+
+    def _row(self, request: requests.PreparedRequest) -> Note:
+        """The ledger's row. Raises as `Opened.check`."""
+        self._opened.check(quota.WEB)
+        path = urlsplit(request.url or "").path
+        return self._opened.spend(quota.SITE, _ENDPOINTS.get(path, "web"), 0)
 
     def _once(self, video_id: str, second: bool) -> dict[str, Any]:
         self._page, self._answer, self._needs_token, self._is_empty = "", None, False, False
@@ -274,17 +256,14 @@ def _asks_for_token(address: str) -> bool:
 
 
 class SiteDoor(Door):
-    """Sends to `root` what is for the web site, and nothing anywhere else. `before` writes the
-    ledger.
+    """Sends to `root` what is for the web site, and nothing anywhere else.
 
     What comes back carries the site's own address again, so that paths and redirects mean the same
     under any root.
     """
 
-    def __init__(self, root: str | None, before: Callable[[str], None]) -> None:
-        super().__init__(
-            ledger=lambda request: before(_ENDPOINTS.get(urlsplit(request.url or "").path, "web"))
-        )
+    def __init__(self, root: str | None, ledger: Ledger) -> None:
+        super().__init__(ledger=ledger)
         self._root = root
 
     def check(self, url: str) -> None:

@@ -1,6 +1,7 @@
 """Reddit's client: requests, limits, and what follows from errors."""
 
 import json
+import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,12 @@ from kb.core.errors import (
     LimitReached,
     Unreachable,
 )
+from kb.crawl.connector import Opened
 from kb.net.rate import Pace
 from kb.reddit.crawl import client as room
 from kb.reddit.crawl.client import Client, Limiter, question
 from kb.reddit.restore.reconstruct import rebuild
+from kb.store.state.frontier import Frontier
 from tests.reddit.cassettes import Cassette, Exchange, read
 from tests.reddit.crawl.test_reduce import Said
 from tests.reddit.work import Work, rows
@@ -214,16 +217,14 @@ def settings() -> object:
 
 @pytest.mark.parametrize("name", APP_ONLY)
 def test_each_recorded_answer_has_its_consequence(
-    recorded: Path, play: Callable[[list[Exchange]], Cassette], name: str
+    recorded: Path, play: Callable[[list[Exchange]], Cassette], name: str, tmp_path: Path
 ) -> None:
     exchanges = read(recorded / "reddit" / f"{name}.json")
-    cassette, ledger = play(exchanges), []
-
-    def spend(endpoint: str, units: int) -> Callable[[str], None]:
-        ledger.append([endpoint, units, None])
-        return lambda outcome: ledger[-1].__setitem__(2, outcome)
-
-    client = Client(settings(), spend, requests_per_minute=1e9)
+    cassette, profile = play(exchanges), load_profile("minecraft")
+    section = profile.section("reddit").model_copy(update={"requests_per_minute": 1e9})
+    frontier = Frontier(tmp_path / "ledger.sqlite")
+    run = Run(settings=settings(), profile=profile, root=tmp_path)
+    client = Client(Opened(run=run, frontier=frontier), section)
     for exchange in exchanges:
         if "access_token" in exchange.path:
             continue
@@ -251,9 +252,10 @@ def test_each_recorded_answer_has_its_consequence(
             )
     assert cassette.left == []
     # A ledger row for every request, before it was sent; tokens cost no unit.
-    assert [(units, outcome) for _, units, outcome in ledger] == [
-        (int("access_token" not in one.path), str(one.status)) for one in exchanges
-    ]
+    frontier.close()
+    with sqlite3.connect(tmp_path / "ledger.sqlite") as state:
+        ledger = state.execute("SELECT units, outcome FROM ledger ORDER BY id").fetchall()
+    assert ledger == [(int("access_token" not in one.path), str(one.status)) for one in exchanges]
     for request in cassette.asked:
         assert request.headers["User-Agent"].startswith(AGENT)
         assert "me@example.org" in request.headers["User-Agent"]

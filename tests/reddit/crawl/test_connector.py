@@ -157,6 +157,10 @@ def test_429_without_end_is_a_block_and_no_fact_about_a_post(work: Work) -> None
     fault = work.sandbox.faults.add("^/comments/", status=429, times=None, after=3)
     with pytest.raises(Blocked):
         work.crawl()
+    before = fault.hits
+    with pytest.raises(Blocked, match="still rejects"):
+        work.crawl()
+    assert fault.hits == before + 1  # one request finds out
     work.sandbox.faults.remove(fault)
     work.crawl()
     assert things(work).keys() == everything(work)

@@ -5,6 +5,7 @@ import threading
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import pytest
 
@@ -15,7 +16,6 @@ from kb.core.context import Run
 from kb.sandbox.server import Server
 from kb.sandbox.world import World
 from kb.sandbox.youtube.service import refusal
-from kb.youtube.crawl.quota import PACIFIC
 from pipelines import youtube
 from tests.faults import Sandbox
 from tests.sandbox.domains import of_case
@@ -292,7 +292,7 @@ def test_wait_goes_on_after_each_reset_and_never_overspends(
     assert max(units for bucket, _, units in spent if bucket == "search") <= SEARCHES
     # It slept to each midnight in California and no further.
     last = max(by_day)
-    midnight = datetime.fromisoformat(last).replace(tzinfo=PACIFIC)
+    midnight = datetime.fromisoformat(last).replace(tzinfo=ZoneInfo("America/Los_Angeles"))
     assert timedelta(0) <= days.time - midnight < timedelta(minutes=2)
     # What one day's quota does whole is the same as what many days did.
     assert (

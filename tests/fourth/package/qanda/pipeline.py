@@ -39,7 +39,7 @@ def clean(p: Profile) -> Clean:
         source="qanda",
         raw=RawRows(
             {kind: RawKind(partial(parse, kind), (keys[kind],), "question_id") for kind in keys},
-            lambda newest: {f"qanda/{kind}": newest[kind] for kind in keys},
+            lambda newest: {f"qanda/{kind}": newest[kind] for kind in keys if kind in newest},
         ),
         chains=(
             Chain("qanda/questions", "question_id", (score, *civil), "q", BODY),
