@@ -146,7 +146,9 @@ def survey(scheduler: str | None, root: Path | None) -> list[tuple[str, int, str
         _close(client)
     if not threads:
         raise _unreachable(f"no Dask worker at {scheduler}")
-    return [(one, threads[one], cluster.unfit.get(one, "")) for one in sorted(threads)]
+    return [
+        (address, threads[address], cluster.unfit.get(address, "")) for address in sorted(threads)
+    ]
 
 
 class Cluster:
@@ -251,20 +253,23 @@ class Cluster:
                 elif _WRITES in differing:
                     yield address, f"can't write to the {_ROOT} {self._root}"
                 else:
-                    has = (f"{one} {answer.get(one, 'none')}, not {ours[one]}" for one in differing)
+                    has = (
+                        f"{package} {answer.get(package, 'none')}, not {ours[package]}"
+                        for package in differing
+                    )
                     yield address, f"has {'; '.join(has)}" if differing else ""
 
 
 async def _ask(client: Any, addresses: list[str], token: str) -> list[Any]:
     """What each worker says of itself, or the error instead."""
 
-    async def one(address: str) -> Any:
-        asked = client._run(
+    async def asked(address: str) -> Any:
+        answers = client._run(
             description, token, workers=[address], wait=True, nanny=False, on_error="return"
         )
-        return (await asyncio.wait_for(asked, ANSWER_S))[address]
+        return (await asyncio.wait_for(answers, ANSWER_S))[address]
 
-    return await asyncio.gather(*map(one, addresses), return_exceptions=True)
+    return await asyncio.gather(*map(asked, addresses), return_exceptions=True)
 
 
 def description(token: str) -> dict[str, str]:

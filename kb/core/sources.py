@@ -320,7 +320,7 @@ def _installed() -> dict[str, Package]:
 
 
 INSTALLED = _installed()
-SCHEMA_FOLDERS = [folder("schemas"), *(one.folder / "schemas" for one in INSTALLED.values())]
+SCHEMA_FOLDERS = [folder("schemas"), *(source.folder / "schemas" for source in INSTALLED.values())]
 
 Declared = TypeVar("Declared", bound=Publication)
 
@@ -365,7 +365,9 @@ PUBLISHED: dict[str, Publication] = {**SOURCES, **MADE}
 # Kinds of the passages of all sources; those of pages, which are about what their titles name; and
 # what texts are called in links.
 KINDS = tuple(dict.fromkeys(kind for source in SOURCES.values() for kind in source.kinds))
-PAGES = tuple(kind for one in SOURCES.values() if one.shape == "page" for kind in one.kinds)
+PAGES = tuple(
+    kind for source in SOURCES.values() if source.shape == "page" for kind in source.kinds
+)
 PARTS = tuple(dict.fromkeys(part for source in SOURCES.values() for part in source.parts))
 
 # What every release holds; the rest is there where the profile asks for it.

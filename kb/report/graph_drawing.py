@@ -24,9 +24,9 @@ def drawn(nodes: Sequence[GraphNode]) -> bytes:
     axes.set_ylim(down - 0.4, -0.6)
     for node in nodes:
         column, row = places[node.artifact]
-        for one in node.inputs:
-            if one in places:
-                from_column, from_row = places[one]
+        for source in node.inputs:
+            if source in places:
+                from_column, from_row = places[source]
                 axes.plot([from_column, column], [from_row, row], color=PALE, zorder=1)
     states = {node.artifact: node for node in nodes}
     for name, (column, row) in places.items():
@@ -44,10 +44,10 @@ def _places(nodes: Sequence[GraphNode]) -> dict[str, tuple[int, int]]:
     """Column and row of every artifact and of what is kept: each right of all its inputs."""
     columns: dict[str, int] = {}
     for node in nodes:
-        for one in node.inputs:
-            if not any(one == other.artifact for other in nodes):
-                columns.setdefault(one, 0)
-        columns[node.artifact] = 1 + max(columns.get(one, 0) for one in node.inputs)
+        for source in node.inputs:
+            if not any(source == other.artifact for other in nodes):
+                columns.setdefault(source, 0)
+        columns[node.artifact] = 1 + max(columns.get(source, 0) for source in node.inputs)
     rows: dict[int, int] = defaultdict(int)
     places = {}
     for name, column in columns.items():

@@ -204,10 +204,10 @@ def booleans(values: Values, allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
     words = {"true": True, "false": False} if "string" in allowed else {}
     native = not allowed or "boolean" in allowed
 
-    def one(value: Any) -> bool:
+    def boolean(value: Any) -> bool:
         return value if native and isinstance(value, bool) else words[value]
 
-    return _each(values, pa.bool_(), one)
+    return _each(values, pa.bool_(), boolean)
 
 
 def lists(values: Values, kind: Type) -> tuple[pa.Array[Any], Bad]:
@@ -301,7 +301,7 @@ def _cell(value: Any, kind: Type) -> Any:
     if kind.item is None:
         return a_text(value) if kind.text == "string" else a_number(value)
     try:
-        return None if value is None else [a_number(one) for one in a_list(value)]
+        return None if value is None else [a_number(entry) for entry in a_list(value)]
     except (ValueError, TypeError, OverflowError):
         return []
 

@@ -23,8 +23,8 @@ def set_aside(root: Path, findings: Findings) -> list[str]:
     """Set damaged files of kept folders aside, and note those of derived ones; a line for each of
     the first. Raises DiskFull.
     """
-    found = [one for one in findings.entries if one.state != "foreign"]
-    lost = [one.path for one in found if one.kind in ("captures", "images")]
+    found = [finding for finding in findings.entries if finding.state != "foreign"]
+    lost = [finding.path for finding in found if finding.kind in ("captures", "images")]
     lines = []
     for finding in found:
         if finding.kind == "tombstones":
@@ -45,14 +45,16 @@ def set_aside(root: Path, findings: Findings) -> list[str]:
 
 def lost_sources(root: Path, findings: Findings) -> list[str]:
     """The sources whose raw answers or state are damaged."""
-    found = [one for one in findings.of("raw answers", "state") if one.state != "foreign"]
+    found = [
+        finding for finding in findings.of("raw answers", "state") if finding.state != "foreign"
+    ]
     return [
         source
         for source in SOURCES
         if any(
-            one.path.is_relative_to(Layout(root).raw(source))
-            or one.path == Layout(root).state(source)
-            for one in found
+            finding.path.is_relative_to(Layout(root).raw(source))
+            or finding.path == Layout(root).state(source)
+            for finding in found
         )
     ]
 
@@ -63,11 +65,15 @@ def damaged_artifacts(root: Path, findings: Findings) -> dict[str, Path | None]:
     """
     damaged = {
         artifact.name: artifact.folder(root)
-        for artifact, _ in _by_artifact(one for one in findings.entries if one.state != "foreign")
+        for artifact, _ in _by_artifact(
+            finding for finding in findings.entries if finding.state != "foreign"
+        )
         if artifact.maker is not None
     }
     foreign = [
-        one.path for one in findings.entries if one.state == "foreign" and one.kind != "leftovers"
+        finding.path
+        for finding in findings.entries
+        if finding.state == "foreign" and finding.kind != "leftovers"
     ]
     return {
         name: next((path for path in foreign if path.is_relative_to(damaged[name])), None)

@@ -129,9 +129,9 @@ def _metadata(
         return
     try:
         digests = {
-            one["contentUrl"].rpartition("/")[2]: one["sha256"]
-            for one in json.loads(read_small(path))["distribution"]
-            if "sha256" in one
+            file["contentUrl"].rpartition("/")[2]: file["sha256"]
+            for file in json.loads(read_small(path))["distribution"]
+            if "sha256" in file
         }
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, DamagedData):
         digests = None
@@ -223,14 +223,14 @@ def _missing_tombstones(findings: Findings, root: Path) -> None:
         try:
             tombstones.keys(root, source)
         except DamagedData as error:
-            if not any(one.path in (path, *error.paths) for one in findings.entries):
+            if not any(finding.path in (path, *error.paths) for finding in findings.entries):
                 findings.missing("tombstones", path, error.hint, str(error))
 
 
 def _two_answers(findings: Findings, root: Path, source: str) -> None:
     """crawled = kept + rejected + failed + pending: no key is in two of them."""
     clean = Layout(root).clean(source)
-    if any(clean in one.path.parents for one in findings.of("clean")):
+    if any(clean in finding.path.parents for finding in findings.of("clean")):
         return  # counting makes sense of whole files only
     keys = [
         (
@@ -280,7 +280,9 @@ def verify(folder: Path, progress: Progress) -> Findings:
     if is_root(folder):
         files = list(_files(folder))
     else:  # a stranger's links are not followed
-        files = [file for one in catalog.releases for file in release_folder.entries(one.path)]
+        files = [
+            file for release in catalog.releases for file in release_folder.entries(release.path)
+        ]
     size = sum(map(_size, files))
     with progress.task(f"verify {folder.name}", total=size, unit="bytes") as task:
         read = 0
@@ -295,8 +297,8 @@ def verify(folder: Path, progress: Progress) -> Findings:
             _root(findings, folder, files)
             _recheck(findings, folder, busy, progress)
         else:
-            for one in catalog.releases:
-                check_release(findings, one.path, lambda path: DOWNLOAD, described=True)
+            for release in catalog.releases:
+                check_release(findings, release.path, lambda path: DOWNLOAD, described=True)
         task.advance(max(0, size - read))  # locks and lists
     return findings
 
@@ -309,20 +311,20 @@ def _root(findings: Findings, root: Path, files: Iterable[Path]) -> None:
 
 def _recheck(findings: Findings, root: Path, busy: Busy, progress: Progress) -> None:
     """Drop findings that another process caused by writing at the same time."""
-    doubtful = [one for one in findings.entries if busy.touches(one.path)]
+    doubtful = [finding for finding in findings.entries if busy.touches(finding.path)]
     if not doubtful:
         return
     second = Findings(findings.advance)
     _root(second, root, [path for path in _files(root) if busy.touches(path)])
-    confirmed = {(one.kind, one.state, one.path) for one in second.entries}
+    confirmed = {(finding.kind, finding.state, finding.path) for finding in second.entries}
     unconfirmed = {
-        one
-        for one in doubtful
-        if (one.kind, one.state, one.path) not in confirmed
-        or (one.kind == "leftovers" and not busy.is_abandoned(one.path))
+        finding
+        for finding in doubtful
+        if (finding.kind, finding.state, finding.path) not in confirmed
+        or (finding.kind == "leftovers" and not busy.is_abandoned(finding.path))
     }
     findings.drop(unconfirmed)
-    for pid in sorted({pid for one in unconfirmed for pid in busy.holders(one.path)}):
+    for pid in sorted({pid for finding in unconfirmed for pid in busy.holders(finding.path)}):
         progress.say(f"another process (pid {pid}) is writing: its unfinished files are not listed")
 
 

@@ -97,7 +97,7 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     profile = load_profile(options.profile or DEFAULT)
     refuse(profile)
     domain = domain_of(profile)
-    words = next((one.name for one in domain.keywords), profile.title)
+    words = next((keyword.name for keyword in domain.keywords), profile.title)
     with Sandbox(World(domain=domain, n_named=PAGES, **size)) as services:
         _say(options, "the tiny toxicity model (made once, the same on every machine)")
         settings = services.settings() | _tiny_model(lambda why: _say(options, f"left out: {why}"))
@@ -201,7 +201,12 @@ def _missing_section(run: Run, step: str) -> str | None:
     }.get(step, step.split())
     sections = (*SOURCES, "pairs")
     return next(
-        (one for one in needed if one in sections and getattr(run.profile, one) is None), None
+        (
+            source
+            for source in needed
+            if source in sections and getattr(run.profile, source) is None
+        ),
+        None,
     )
 
 

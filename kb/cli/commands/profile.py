@@ -161,7 +161,7 @@ def check(
     findings = list(checked.findings)
     hits: list[dict[str, Any]] = []
     answers: list[tuple[Finding, QuestionCost, int]] = []
-    if checked.profile is not None and all(one.level != ERROR for one in findings):
+    if checked.profile is not None and all(finding.level != ERROR for finding in findings):
         # The command only reads, so the data root may be another domain's.
         run = replace(options, profile=None).make_run(needs="nothing")
         run = replace(run, profile=checked.profile)
@@ -192,16 +192,18 @@ def check(
     summary = Summary(
         command="profile check",
         profile=checked.profile.name if checked.profile else str(path),
-        **{f"{level}s": sum(one.level == level for one in findings) for level in LEVELS},
+        **{f"{level}s": sum(finding.level == level for finding in findings) for level in LEVELS},
     )
     if online:
         summary["requests"] = sum(cost.requests for _, cost, _ in answers)
         summary["units"] = sum(cost.units for _, cost, _ in answers)
     if options.json:
-        summary["findings"] = [one._asdict() for one in findings]
+        summary["findings"] = [finding._asdict() for finding in findings]
         summary["hits"] = hits
     show_summary(summary, options.json)
-    offline = any(one.level == ERROR and not one.file.startswith("online") for one in findings)
+    offline = any(
+        finding.level == ERROR and not finding.file.startswith("online") for finding in findings
+    )
     codes = {code for _, _, code in answers} | ({2} if offline else set())
     for code in (2, 1, 4, 3):  # the worst first
         if code in codes:
@@ -292,7 +294,7 @@ def _show_hits(hits: list[dict[str, Any]]) -> None:
 def _table(findings: list[Finding]) -> str:
     """Level, place, finding and fix, in columns."""
     rows = [("level", "where", "finding", "how to fix it")]
-    rows += [(one.level, one.where, one.what, one.fix) for one in findings]
+    rows += [(finding.level, finding.where, finding.what, finding.fix) for finding in findings]
     columns = [[terminal.one_line(cell) for cell in column] for column in zip(*rows, strict=True)]
     widths = [max(map(len, column)) for column in columns]
     lines = []

@@ -43,9 +43,9 @@ class SqlCommand(Command):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments without the comments before a query."""
-        for place, one in enumerate(args):
-            if one.startswith("-- ") or (one.startswith("--") and "\n" in one):
-                args[place] = re.sub(r"\A(?:\s*--[^\n]*(?:\n|\Z))+", "", one)
+        for place, arg in enumerate(args):
+            if arg.startswith("-- ") or (arg.startswith("--") and "\n" in arg):
+                args[place] = re.sub(r"\A(?:\s*--[^\n]*(?:\n|\Z))+", "", arg)
         return super().parse_args(ctx, args)
 
 

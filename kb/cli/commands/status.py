@@ -66,12 +66,15 @@ def _show_runs(options: Options) -> None:
 
     records = list(kept(options.make_run(needs="root").root))
     if options.json:
-        print(json.dumps({"runs": [to_builtins(one) for one in records]}))
+        print(json.dumps({"runs": [to_builtins(record) for record in records]}))
     elif not records:
         show("no run has written here yet")
     else:
         rows = [("start", "took", "exit", "command")]
-        rows += [(one.start, span(one.seconds), str(one.exit_code), one.command) for one in records]
+        rows += [
+            (record.start, span(record.seconds), str(record.exit_code), record.command)
+            for record in records
+        ]
         more = ["", *map(_made, records)]
         for cells, made in zip(terminal.table(rows), more, strict=True):
             show(f"{cells}  {made}".rstrip())
@@ -113,7 +116,10 @@ def lines(about: dict[str, Any]) -> list[str]:
     if made := {name: n for name, n in (rows | about["links"]).items() if n}:
         shown.append(f"made of them: {vocabulary.nouns(made)}")
     if about["stale"]:
-        why = [f"{one['artifact']}: {', '.join(one['reasons'])}" for one in about["stale"]]
+        why = [
+            f"{artifact['artifact']}: {', '.join(artifact['reasons'])}"
+            for artifact in about["stale"]
+        ]
         shown += ["out of date:", *(f"  {line}" for line in why)]
     disk = ", ".join(f"{name} {terminal.size(n)}" for name, n in about["disk_bytes"].items())
     shown.append(f"disk: {disk}")
@@ -131,8 +137,10 @@ def lines(about: dict[str, Any]) -> list[str]:
     if any(facts["running_pid"] for facts in sources):
         shown.append("next: wait for the running command")
     elif any(waits.values()) and not about["next"]:
-        open_ = (one for one in sources if one["left"] or _failed(one) or one["too_old"])
-        lacking = [name.upper() for one in open_ if (name := one["lacks"])]
+        open_ = (
+            source for source in sources if source["left"] or _failed(source) or source["too_old"]
+        )
+        lacking = [name.upper() for source in open_ if (name := source["lacks"])]
         without = f"; {' and '.join(lacking)} not set" if lacking else ""
         what = ", ".join(f"{n:,} {name}" for name, n in waits.items() if n)
         shown.append(f"left: {what}{without}")
@@ -167,16 +175,22 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
     ):
         if numbers:
             lines.append(f"  {title}: {vocabulary.nouns(numbers)}")
-    copies = [f"{one}: {vocabulary.nouns(facts[one])}" for one in _COPIES if facts[one]]
+    copies = [f"{copy}: {vocabulary.nouns(facts[copy])}" for copy in _COPIES if facts[copy]]
     lines += [f"  {'; '.join(copies)}"] if copies else []
     phases = facts["phases"].items()
     lines += _table(
         "to read",
         ["done", "left", "failed", "skipped"],
         {
-            kind: [one.get("done", 0), one["left"], one.get("error", 0), one.get("skipped", 0)]
-            for kind, one in phases
-            if one["left"] or one.get("error", 0)  # what is done says nothing about what to do
+            kind: [
+                counts.get("done", 0),
+                counts["left"],
+                counts.get("error", 0),
+                counts.get("skipped", 0),
+            ]
+            for kind, counts in phases
+            if counts["left"]
+            or counts.get("error", 0)  # what is done says nothing about what to do
         },
     )
     if failures := facts["failures"]:
@@ -187,7 +201,7 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
         lines.append(f"  stopped: {facts['stopped']}; it waits for: {facts['waits_for']}")
     if facts["quota"] and not facts["lacks"]:
         buckets = facts["quota"].items()
-        shares = [f"{name} {one['spent']:,} of {one['limit']:,}" for name, one in buckets]
+        shares = [f"{name} {bucket['spent']:,} of {bucket['limit']:,}" for name, bucket in buckets]
         resets = next(iter(facts["quota"].values()))["resets_at"]
         lines.append(f"  quota spent today: {', '.join(shares)}; resets {resets}")
     for reason, n in facts["waiting"].items():

@@ -157,8 +157,8 @@ def suggestions(words: Sequence[str], commands: Sequence[str]) -> list[str]:
     return []
 
 
-def _similarity(one: str, other: str) -> float:
-    return difflib.SequenceMatcher(None, one, other).ratio()
+def _similarity(word: str, other: str) -> float:
+    return difflib.SequenceMatcher(None, word, other).ratio()
 
 
 def commands_with_option(error: Any) -> str:

@@ -27,7 +27,7 @@ from kb.store.tables import reading
 
 Apply = Callable[[Frontier, str, Envelope], None]
 """Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
-_IMPORTED = {kind: hint for one in SOURCES.values() for kind, hint in one.imported.items()}
+_IMPORTED = {kind: hint for source in SOURCES.values() for kind, hint in source.imported.items()}
 _NAMED = 3  # items that a message names
 _CHUNK = 1 << 16
 

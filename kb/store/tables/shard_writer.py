@@ -105,7 +105,11 @@ class ShardWriter:
 
     def __enter__(self) -> Self:
         declared, schema = self.declared, self._schema
-        low = [one.name for one in declared.columns if one.dictionary and one.name in schema.names]
+        low = [
+            column.name
+            for column in declared.columns
+            if column.dictionary and column.name in schema.names
+        ]
         marks = pq.SortingColumn.from_ordering(
             schema, [(name, "ascending") for name in order(declared)], "at_end"
         )
@@ -190,7 +194,9 @@ def sorted_shards(
         *(name for name in reads if name not in declared.names(released)),
     ]
     with contextlib.closing(Merge(parts, order(declared), wanted)) as merge:
-        rows = (change(one).select(declared.names(released)) if change else one for one in merge)
+        rows = (
+            change(batch).select(declared.names(released)) if change else batch for batch in merge
+        )
         return write_sorted(
             rows,
             folder,
