@@ -51,7 +51,7 @@ def profile_of(root: Path) -> Path | None:
     restored = Layout(root).restored() / PROFILE_FILE
     if restored.is_file():
         return restored
-    return next((one.profile for one in Catalog(root).releases if one.profile), None)
+    return next((release.profile for release in Catalog(root).releases if release.profile), None)
 
 
 def check(root: Path, profile: Profile) -> None:

@@ -28,7 +28,7 @@ def home(root: Path, source: str) -> Path:
     if catalog.is_writable:
         return catalog.path
     places = [] if catalog.is_download else [catalog.cached, catalog.path]
-    return next((one for one in places if _is_current(catalog, one, source)), catalog.cached)
+    return next((place for place in places if _is_current(catalog, place, source)), catalog.cached)
 
 
 def folder(root: Path, source: str) -> Path:
@@ -54,7 +54,7 @@ def _is_current(catalog: Catalog, place: Path, source: str) -> bool:
 def remove(root: Path, source: str) -> None:
     """Remove the index; no byte of it stays."""
     catalog = Catalog(root.absolute())
-    for place in (Layout(one).index(source) for one in (catalog.workplace, catalog.cached)):
+    for place in (Layout(root).index(source) for root in (catalog.workplace, catalog.cached)):
         (place / MANIFEST).unlink(missing_ok=True)  # from here on there is no index
         remove_path(place)
 
@@ -102,4 +102,4 @@ def has_unknown_files(place: Path, known: manifest.Manifest) -> bool:
 
 def _files(place: Path) -> list[Path]:
     there = sorted(place.iterdir()) if place.is_dir() else []
-    return [one for one in there if one.name != MANIFEST and not one.name.startswith(".")]
+    return [path for path in there if path.name != MANIFEST and not path.name.startswith(".")]

@@ -177,7 +177,7 @@ def make_outdated(run: Run, outdated: Reasons) -> Iterator[Outcome]:
         yield outcome
         if outcome.outcome == STOPPED:
             break
-    if left_out := [one.artifact for one in lost.values() if one.cause]:
+    if left_out := [outcome.artifact for outcome in lost.values() if outcome.cause]:
         run.progress.say(f"left out, as what they are made of failed: {', '.join(left_out)}")
 
 
@@ -188,9 +188,9 @@ def _made(
     lost: Mapping[str, Outcome],
     blocked: Mapping[str, KbError],
 ) -> Outcome:
-    for one in ARTIFACTS[name].inputs:
-        if one in lost:
-            return Outcome(name, why, LEFT_OUT, lost[one].error, lost[one].cause or one)
+    for source in ARTIFACTS[name].inputs:
+        if source in lost:
+            return Outcome(name, why, LEFT_OUT, lost[source].error, lost[source].cause or source)
     try:
         if not freshness.reasons(run, name):
             return Outcome(name, why, UNCHANGED)

@@ -99,7 +99,7 @@ def replacing(
         if not artifact.public:
             write(fresh / MANIFEST, made)
         else:  # until the folder is in its place, nothing is promised about its files
-            unknown = {one: FileEntry() for one in made.files}
+            unknown = {file: FileEntry() for file in made.files}
             write(
                 ARTIFACTS[name].manifest(root),
                 msgspec.structs.replace(made, inputs={}, files=unknown),
@@ -122,7 +122,7 @@ def describe(
 ) -> Manifest:
     """The manifest of what lies in a folder, or of these files of it."""
     present = _files(folder) if present is None else present
-    files = {str(one.relative_to(folder)): one for one in present}
+    files = {str(path.relative_to(folder)): path for path in present}
     with ThreadPoolExecutor(_THREADS) as pool:
         entries = dict(zip(files, pool.map(entry_of, files.values()), strict=True))
     return of(name, build.inputs, build.settings, entries, build.figures)
@@ -199,14 +199,14 @@ def editing(root: Path, *names: str) -> Iterator[None]:
         folder = ARTIFACTS[name].folder(root)
         now = _stamps(folder)
         entries = {}
-        for one, entry in manifest.files.items():
-            if one in now and (not entry.sha256 or stamps.get(one) != now[one]):
-                entries[one] = entry_of(folder / one)
-            elif one in now or one not in stamps:  # what was lost before stays known as missing
-                entries[one] = entry
-        for one in now.keys() - manifest.files.keys():
-            if stamps.get(one) != now[one]:
-                entries[one] = entry_of(folder / one)
+        for file, entry in manifest.files.items():
+            if file in now and (not entry.sha256 or stamps.get(file) != now[file]):
+                entries[file] = entry_of(folder / file)
+            elif file in now or file not in stamps:  # what was lost before stays known as missing
+                entries[file] = entry
+        for file in now.keys() - manifest.files.keys():
+            if stamps.get(file) != now[file]:
+                entries[file] = entry_of(folder / file)
         _write_entries(root, manifest, entries)
 
 
@@ -218,7 +218,7 @@ def _write_entries(root: Path, manifest: Manifest, files: dict[str, FileEntry]) 
 
 def _stamps(folder: Path) -> dict[str, tuple[int, int, int]]:
     """Inode, size and time of change of each file in a folder."""
-    files = {str(one.relative_to(folder)): one.stat() for one in _files(folder)}
+    files = {str(path.relative_to(folder)): path.stat() for path in _files(folder)}
     return {name: (it.st_ino, it.st_size, it.st_mtime_ns) for name, it in files.items()}
 
 
@@ -242,11 +242,11 @@ def check_folder(folder: Path) -> None:
     of a data root, a release folder or any other with numbered shards.
     """
     match = artifact_of(folder)
-    lost = [folder / one for one in siblings(one.name for one in parquet_files(folder))]
-    lost = [one for one in lost if not one.exists()]
+    lost = [folder / shard for shard in siblings(path.name for path in parquet_files(folder))]
+    lost = [path for path in lost if not path.exists()]
     if match is not None:
         root, artifact = match
-        lost += [one for one in missing(root, artifact.name) if one.parent == folder]
+        lost += [path for path in missing(root, artifact.name) if path.parent == folder]
     if lost:
         raise damage.missing(sorted(lost))
 
@@ -256,16 +256,16 @@ def missing(root: Path, name: str) -> list[Path]:
     is_artifact = name in ARTIFACTS
     artifact = ARTIFACTS[name] if is_artifact else of_table(name)
     folder, manifest = artifact.folder(root), read(root, artifact.name)
-    written = {folder / one for one in (manifest.files if manifest is not None else ())}
+    written = {folder / file for file in (manifest.files if manifest is not None else ())}
     at = Layout(root)
     if not artifact.public:
         for table in artifact.tables if is_artifact else (name,):
             there = at.rows(table)
-            written |= {one.with_name(shard) for one in there for shard in siblings([one.name])}
+            written |= {path.with_name(shard) for path in there for shard in siblings([path.name])}
     if not is_artifact:
         pattern = str(at.table(name) / rows_pattern(name))
-        written = {one for one in written if one.match(pattern)}
-    return sorted(one for one in written if not one.is_file())
+        written = {path for path in written if path.match(pattern)}
+    return sorted(path for path in written if not path.is_file())
 
 
 def damaged(root: Path, name: str) -> list[str]:
@@ -301,7 +301,7 @@ def inputs(
     """The digests of an artifact's inputs as they are now. `files` finds the files of a table, when
     they are not those of the data root. Raises DamagedData for a lost file.
     """
-    return {one: input_digest(root, name, one, files) for one in ARTIFACTS[name].inputs}
+    return {source: input_digest(root, name, source, files) for source in ARTIFACTS[name].inputs}
 
 
 def input_digest(
@@ -322,8 +322,12 @@ def input_digest(
     artifact, find = ARTIFACTS[name], files or partial(rows, root)
     if artifact.every_file and (made := read(root, of)) is not None:
         return digest_of_files(made)
-    wanted = [one for one in ARTIFACTS[of].tables if one in artifact.reads or not artifact.reads]
-    paths = {f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in find(one)}
+    wanted = [
+        table for table in ARTIFACTS[of].tables if table in artifact.reads or not artifact.reads
+    ]
+    paths = {
+        f"{table.partition('/')[2]}/{file.name}": file for table in wanted for file in find(table)
+    }
     return _digest(f"{name} {content_digest(file)}" for name, file in paths.items())
 
 
@@ -339,7 +343,7 @@ def _digest(lines: Iterable[str]) -> str:
 def _files(folder: Path) -> list[Path]:
     """Every file of an artifact but its manifest; hidden ones are on their way."""
     return [
-        one
-        for one in sorted(files_below(folder, strict=False))
-        if one.name != MANIFEST and not one.name.startswith(".")
+        path
+        for path in sorted(files_below(folder, strict=False))
+        if path.name != MANIFEST and not path.name.startswith(".")
     ]

@@ -53,7 +53,7 @@ def write_measure(root: Path, name: str, section: dict[str, Any]) -> Path:
 
 def write_measures(folder: Path, sections: dict[str, Any]) -> Path:
     """Write all sections into a folder of pairs. Returns the file. Raises DiskFull."""
-    ordered = {one: sections[one] for one in sorted(sections)}
+    ordered = {name: sections[name] for name in sorted(sections)}
     encoded = msgspec.json.format(msgspec.json.encode(ordered), indent=1)
     write_bytes(folder / FILE, encoded + b"\n")
     return folder / FILE

@@ -399,7 +399,7 @@ def _behind_links(folder: Path, files: Iterable[str]) -> list[Path]:
 
 def kept(purge: Purge) -> Iterator[PurgeLine]:
     """Rows of tables that can't be made again."""
-    locations = [one for one in purge.rules.rows if not _is_derived(one)]
+    locations = [location for location in purge.rules.rows if not _is_derived(location)]
     if purge.dry:
         yield from _rows(purge, locations)
         return

@@ -121,12 +121,12 @@ def people(purge: Purge, rules: PeopleRules, listed: PeopleList | None) -> dict[
     seen = set()
     others = defaultdict[str, set[str]](set)
     others[MARK] |= marks
-    for one in rules.find(purge, marks) if marks else ():
-        seen.add(one.mark)
-        if one.of:
-            others[one.of].add(one.name)
+    for item in rules.find(purge, marks) if marks else ():
+        seen.add(item.mark)
+        if item.of:
+            others[item.of].add(item.name)
         else:
-            theirs[one.name] = NAMED
+            theirs[item.name] = NAMED
     purge.other_names = dict(others)
     for first, all_of_them in asked.items():
         here = seen & all_of_them

@@ -111,7 +111,9 @@ class Catalog:
         own = tuple(release_folder.releases_below(Layout(self.path).release()))
         left_out = TOP if is_root(self.path) else ("release",)
         releases = (
-            one for one in release_folder.releases_below(self.path) if one.path.name not in left_out
+            release
+            for release in release_folder.releases_below(self.path)
+            if release.path.name not in left_out
         )
         return own or tuple(releases)
 
@@ -282,10 +284,10 @@ def nearest(path: Path) -> Path | None:
     """
     if path.is_dir():
         below = folders_in(path)
-        below += [inner for one in below for inner in folders_in(one)]
+        below += [inner for folder in below for inner in folders_in(folder)]
         inside, above = filter(_holds_something, below), filter(is_root, path.parents[:2])
         return next(inside, None) or next(above, None)
-    beside = {one.name: one for one in folders_in(path.parent)}
+    beside = {folder.name: folder for folder in folders_in(path.parent)}
     alike = (beside[name] for name in similar(path.name, beside))
     return next(filter(_holds_something, alike), None)
 
@@ -404,7 +406,7 @@ def _links(root: Path, work: Path, releases: Iterable[ReleaseFolder]) -> Iterato
     """
     shards: dict[str, list[Path]] = {}
     made = [(parquet_files(Layout(work).links), root)] if is_root(root) or work != root else []
-    released = [(one.data, one.path) for one in releases]
+    released = [(release.data, release.path) for release in releases]
     for paths, home in [*made, *released] if is_root(root) else [*released, *made]:
         for path in paths:
             named = _SHARD.fullmatch(path.name)

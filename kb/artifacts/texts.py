@@ -52,7 +52,7 @@ def changed(root: Path, name: str) -> list[str]:
         return []
     now = inputs(root, name)
     return [
-        one.partition("/")[2]
-        for one in now
-        if one.startswith("clean/") and now[one] != known.inputs.get(one)
+        name.partition("/")[2]
+        for name in now
+        if name.startswith("clean/") and now[name] != known.inputs.get(name)
     ]

@@ -95,7 +95,7 @@ def crawl_source(
             crawled=sum(loop.answered[kind] for kind in counted),
             crawled_in_all=sum(counts[kind].get("done", 0) for kind in counted),
             missing=sum(why == "not_found" for _, _, why, _ in skipped),
-            failed=sum(each.get("error", 0) for each in counts.values()),
+            failed=sum(answers.get("error", 0) for answers in counts.values()),
             pending=session.frontier.waiting(*counted),
             requests=session.requests()[0],
             units=session.requests()[1],

@@ -216,7 +216,7 @@ class Scheduler:
 
     def _more(self, phase: Phase) -> bool:
         """Whether the phase's own service may find more of its items first."""
-        own = {one.kind for one in self._of(phase.service)}
+        own = {other.kind for other in self._of(phase.service)}
         return any(self._busy(kind) for kind in self._above[phase.kind] & own)
 
     def _sleeps(self, kind: str) -> bool:

@@ -132,7 +132,7 @@ def rules_by_name(source: SourceDeclaration) -> PurgeRules:
         source.name,
         ids_of(source).some_ids_in,
         rows=(
-            *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
+            *(location_of(table.name, table.key[0], prefix) for _, prefix, table in rows),
             *(_restored(source) if source.restored else ()),
             *shared_locations(source.name),
         ),

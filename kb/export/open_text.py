@@ -47,7 +47,7 @@ def _export(run: Run) -> Summary:
     settings = freshness.settings(run, NAME)
     with reading(files), database.over(files, run.root) as con:
         parquet.check(*files)
-        named = (f"trim(coalesce(v.{one}, '')) <> ''" for one in _CREDIT)
+        named = (f"trim(coalesce(v.{column}, '')) <> ''" for column in _CREDIT)
         credited = " AND ".join(["v.published_at IS NOT NULL", *named])
         rows = f"FROM {scan(transcripts)} AS t JOIN {scan(videos)} AS v USING (video_id)"
         open_, uncredited = con.sql(

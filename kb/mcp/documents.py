@@ -201,7 +201,7 @@ def first_row(
     tables: OpenTables, short: str, where: str, values: Sequence[Any]
 ) -> dict[str, Any] | None:
     """The first row that matches, from the fullest table of that name that has one."""
-    for one in tables.ranked(short):
-        if rows := tables.rows(f"FROM {one.full} WHERE {where}", values).to_pylist():
+    for view in tables.ranked(short):
+        if rows := tables.rows(f"FROM {view.full} WHERE {where}", values).to_pylist():
             return dict(rows[0])
     return None

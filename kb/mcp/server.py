@@ -274,16 +274,22 @@ def _wrong_arguments(error: ValidationError) -> str:
     problems: dict[str, str] = {}
     # If an argument can be given in several ways, the error for a single value helps most.
     every = error.errors(include_url=False)
-    every.sort(key=lambda one: one["type"] != "literal_error" or isinstance(one["input"], list))
-    for one in every:
-        name = str(one["loc"][0]) if one["loc"] else "arguments"
-        value = repr(one["input"])
+    every.sort(
+        key=lambda problem: problem["type"] != "literal_error" or isinstance(problem["input"], list)
+    )
+    for problem in every:
+        name = str(problem["loc"][0]) if problem["loc"] else "arguments"
+        value = repr(problem["input"])
         value = value if len(value) <= _VALUE else f"{value[: _VALUE - 1]}…"
-        if one["type"] == "missing":
+        if problem["type"] == "missing":
             problems[name] = f"{name} is missing"
             continue
-        literal = one["type"] == "literal_error"
-        valid = one["ctx"]["expected"] if literal else one["msg"].removeprefix("Input should be ")
+        literal = problem["type"] == "literal_error"
+        valid = (
+            problem["ctx"]["expected"]
+            if literal
+            else problem["msg"].removeprefix("Input should be ")
+        )
         problems.setdefault(name, f"{name} is {value}; valid: {valid}")
     return "; ".join(problems.values())
 
@@ -299,15 +305,16 @@ def run_about(run: Run, size: int) -> str:
         " over the views below; SELECT column_name FROM (DESCRIBE view) lists columns."
     )
     sources = [source for source in SOURCES.values() if source.ref]
-    parts = [AnswerPart(_source(opened, one), _licences(opened, one)) for one in sources]
+    parts = [AnswerPart(_source(opened, source), _licences(opened, source)) for source in sources]
     known = [part for part in parts if part.facts]
     index = AnswerPart("\n".join([str(coverage(run.root)), *_indexed(run)]), "")
     short = {view.full: f" (also {name})" for name, view in bare(opened.views).items()}
     views = [
         AnswerPart(
-            f"view {name}{short.get(name, '')}: {TableView(one).count_rows():,} rows. {one.doc}", ""
+            f"view {name}{short.get(name, '')}: {TableView(view).count_rows():,} rows. {view.doc}",
+            "",
         )
-        for name, one in sorted(opened.named.items())
+        for name, view in sorted(opened.named.items())
     ]
     left_out = "{} more parts were left out: raise max_chars.".format
     return fit(fence, head, [*known, index, *views], left_out, size)

@@ -212,7 +212,7 @@ class Speech:
         around = rng.choice(grammar().rules["thing_title"])
         thing = f"{cast.subject.name} {what}"
         values = {"thing": thing, "topic": self.topic, "n": rng.randint(2, 99)}
-        praise = next((one for one in ("easiest", "best") if one in around.lower().split()), "")
+        praise = next((word for word in ("easiest", "best") if word in around.lower().split()), "")
         return _title_case(around.format_map(values)), " ".join(f"{verb} {praise} {thing}".split())
 
     def noun_title(self, rng: random.Random, cast: Cast) -> str:
@@ -277,7 +277,7 @@ _pattern = cache(whole_words)
 def names_topic(topic: Sequence[str], text: str) -> bool:
     """Whether the topic filter sees one of the topic's words in a text."""
     folded = text.casefold()  # most texts have none; the filter's own pattern takes milliseconds
-    if not any(all(word in folded for word in one.casefold().split()) for one in topic):
+    if not any(all(word in folded for word in phrase.casefold().split()) for phrase in topic):
         return False
     return bool(pc.match_substring_regex(text, _pattern(tuple(topic))).as_py())
 

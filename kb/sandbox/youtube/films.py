@@ -102,7 +102,7 @@ def timeline(mentions: Iterable[tuple[str, float]], seconds: int) -> Iterator[tu
     before: Picture | None = None
     for tick in sorted({0, last} | near.keys() | {tick + 1 for tick in near if tick < last}):
         shown = near.get(tick, {})
-        closest = sorted(shown, key=lambda one: (shown[one], one))[:_MOST]
+        closest = sorted(shown, key=lambda word: (shown[word], word))[:_MOST]
         picture = tuple(sorted(closest))
         if picture != before or tick == last:
             yield tick, picture

@@ -181,7 +181,7 @@ class YouTubeWeb:
         video = self.world.youtube.find(key)
         wanted = (request.args.get("lang", ""), request.args.get("kind", ""))
         track = (
-            next((one for one in video.tracks if (one.language, one.kind) == wanted), None)
+            next((track for track in video.tracks if (track.language, track.kind) == wanted), None)
             if video
             else None
         )
