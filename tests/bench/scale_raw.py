@@ -192,7 +192,7 @@ def _function_words() -> list[str]:
 
 
 def _everyday() -> list[str]:
-    import kb.core.config.profile as module
+    import kb.core.config.section as module
 
     text = Path(str(module.__file__)).with_name("everyday_words.txt").read_text(encoding="utf-8")
     lines = (line for line in text.splitlines() if not line.startswith("#"))
