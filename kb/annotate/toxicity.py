@@ -184,7 +184,7 @@ def stored(root: Path, source: str) -> str:
     """The key of the model whose scores decided in clean/<source>, else of the one that has most
     scores; "" where there are none.
     """
-    made = manifest.read(root, f"clean/{source}")
+    made = manifest.read_manifest(root, f"clean/{source}")
     if made is not None and (key := made.settings.get(MODEL)):
         return str(key)
     return Scores(str(Layout(root).annotations(source)), "", "").most_used()

@@ -126,7 +126,7 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
     catalog = Catalog(root.absolute())
     source = name.removeprefix("index/")
     place = index.home(root, source) if source != name else catalog.workplace
-    made = manifest.read(place, name)
+    made = manifest.read_manifest(place, name)
     if name == "release/open-text" and not run.profile.release.open_text:
         return ["release.open_text true → false"] if made or artifact.folder(root).exists() else []
     if made is None:
@@ -196,15 +196,15 @@ def _short(text: str) -> str:
 
 def note_described(run: Run, names: Iterable[str]) -> None:
     """Record what the descriptions of these release folders were made of. Raises DiskFull."""
-    made, now = manifest.read(run.root, RELEASE), _release_settings(run)
+    made, now = manifest.read_manifest(run.root, RELEASE), _release_settings(run)
     kept = made.inputs if made is not None and made.settings == now else {}
     inputs = kept | {f"release/{name}": _described_input(run.root, name) for name in names}
     place = ARTIFACTS[RELEASE].manifest(run.root)
-    manifest.write(place, Manifest(RELEASE, "kb release", "", inputs, now, 1))
+    manifest.write_manifest(place, Manifest(RELEASE, "kb release", "", inputs, now, 1))
 
 
 def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
-    made = manifest.read(run.root, RELEASE)
+    made = manifest.read_manifest(run.root, RELEASE)
     if made is None:
         return [NEVER_MADE]
     folders = {f"release/{name}": name for name in PUBLISHED}
@@ -242,7 +242,7 @@ def _described_input(root: Path, name: str) -> str:
     if name in ARTIFACTS:
         artifacts.append(name)
     for artifact in artifacts:
-        if (made := manifest.read(root, artifact)) is not None:
+        if (made := manifest.read_manifest(root, artifact)) is not None:
             parts.append(f"{artifact} {manifest.digest_of_files(made)}")
     parts += [str(tombstones.version(root, source)) for source in made_of(name)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
@@ -339,7 +339,7 @@ def stale(run: Run, *names: str) -> Reasons:
         return {}
     wanted = set().union(*map(lineage, names))
     every = [name for name in _made_again() if name in wanted and _is_possible(run, name)]
-    return plan(run, [name for name in every if manifest.read(run.root, name) is not None])
+    return plan(run, [name for name in every if manifest.read_manifest(run.root, name) is not None])
 
 
 def steps(outdated: Reasons) -> list[dict[str, Any]]:
@@ -354,7 +354,7 @@ def lines(outdated: Reasons) -> list[str]:
 
 def refuse(run: Run, *names: str) -> None:
     """Raises FatalError while one of these artifacts is out of date; a download never is."""
-    if any(manifest.read(run.root, name) is not None for name in names) and (
+    if any(manifest.read_manifest(run.root, name) is not None for name in names) and (
         outdated := stale(run, *names)
     ):
         first = next(iter(outdated))

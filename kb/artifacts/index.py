@@ -38,7 +38,7 @@ def folder(root: Path, source: str) -> Path:
 
 def known(root: Path, source: str) -> manifest.Manifest | None:
     """What the index was made from; None where there is none. Raises DamagedData."""
-    return manifest.read(home(root, source), f"index/{source}")
+    return manifest.read_manifest(home(root, source), f"index/{source}")
 
 
 def is_current(root: Path, source: str) -> bool:
@@ -47,7 +47,7 @@ def is_current(root: Path, source: str) -> bool:
 
 
 def _is_current(catalog: Catalog, place: Path, source: str) -> bool:
-    made = manifest.read(place, f"index/{source}")
+    made = manifest.read_manifest(place, f"index/{source}")
     return made is not None and made.inputs == texts.inputs(catalog.path, f"index/{source}")
 
 
@@ -65,7 +65,7 @@ def remove_stale(root: Path, source: str) -> None:
         remove(root, source)
 
 
-def check(root: Path, source: str) -> None:
+def verify_index(root: Path, source: str) -> None:
     """Raises DamagedData for an index whose files are missing or differ from what was written.
 
     A large one is not read for that: `kb verify` does it.

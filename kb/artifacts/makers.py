@@ -114,7 +114,7 @@ def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None)
     try:
         summary: Summary = make(run, *maker.arguments, **given)
     except DamagedData as error:
-        damage_note.add(run.root, error.paths)
+        damage_note.note_damage(run.root, error.paths)
         raise
     if name != RELEASE:  # which describes the folders of other artifacts
         damage_note.forget(run.root, ARTIFACTS[name].folder(run.root))
@@ -123,7 +123,7 @@ def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None)
 
 def recorded_options(root: Path, name: str) -> dict[str, Any]:
     """The options with which an export was made; none for one that was not. Raises DamagedData."""
-    made = manifest.read(root, name) if name.startswith("export/") else None
+    made = manifest.read_manifest(root, name) if name.startswith("export/") else None
     options = dict(made.figures) if made is not None else {}
     if "tokenizer" in options and not Path(options["tokenizer"]).is_file():
         del options["tokenizer"]  # then words are counted

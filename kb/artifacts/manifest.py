@@ -77,10 +77,10 @@ class Build:
     figures: dict[str, Any] = field(default_factory=dict)
 
 
-def read(root: Path, name: str) -> Manifest | None:
+def read_manifest(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact = ARTIFACTS[name]
-    return json_files.read(artifact.manifest(root), Manifest, fix=artifact.hint)
+    return json_files.read_note(artifact.manifest(root), Manifest, fix=artifact.hint)
 
 
 @contextlib.contextmanager
@@ -97,15 +97,15 @@ def replacing(
         yield build
         made = describe(name, fresh, build)
         if not artifact.public:
-            write(fresh / MANIFEST, made)
+            write_manifest(fresh / MANIFEST, made)
         else:  # until the folder is in its place, nothing is promised about its files
             unknown = {file: FileEntry() for file in made.files}
-            write(
+            write_manifest(
                 ARTIFACTS[name].manifest(root),
                 msgspec.structs.replace(made, inputs={}, files=unknown),
             )
     if artifact.public:
-        write(ARTIFACTS[name].manifest(root), made)
+        write_manifest(ARTIFACTS[name].manifest(root), made)
 
 
 def record(folder: Path, name: str) -> None:
@@ -114,7 +114,9 @@ def record(folder: Path, name: str) -> None:
 
     Remove the manifest before the files change. Raises DiskFull.
     """
-    write(folder / MANIFEST, describe(name, folder, Build(folder, {}, {}), parquet_files(folder)))
+    write_manifest(
+        folder / MANIFEST, describe(name, folder, Build(folder, {}, {}), parquet_files(folder))
+    )
 
 
 def describe(
@@ -125,10 +127,10 @@ def describe(
     files = {str(path.relative_to(folder)): path for path in present}
     with ThreadPoolExecutor(_THREADS) as pool:
         entries = dict(zip(files, pool.map(entry_of, files.values()), strict=True))
-    return of(name, build.inputs, build.settings, entries, build.figures)
+    return new_manifest(name, build.inputs, build.settings, entries, build.figures)
 
 
-def of(
+def new_manifest(
     name: str,
     inputs: dict[str, str],
     settings: dict[str, Any],
@@ -142,7 +144,7 @@ def of(
     )
 
 
-def write(place: Path, manifest: Manifest) -> None:
+def write_manifest(place: Path, manifest: Manifest) -> None:
     """Write a manifest. Raises DiskFull."""
     write_bytes(place, msgspec.json.format(msgspec.json.encode(manifest), indent=1) + b"\n")
 
@@ -159,7 +161,9 @@ def write_vacant(root: Path, manifest: Manifest) -> None:
     artifact = ARTIFACTS[manifest.artifact]
     folder = artifact.folder(root)
     files = {} if artifact.public else {file.name: entry_of(file) for file in _files(folder)}
-    write(artifact.manifest(root), msgspec.structs.replace(manifest, inputs={}, files=files))
+    write_manifest(
+        artifact.manifest(root), msgspec.structs.replace(manifest, inputs={}, files=files)
+    )
 
 
 def vacant(root: Path) -> list[str]:
@@ -168,7 +172,7 @@ def vacant(root: Path) -> list[str]:
         name
         for name, artifact in ARTIFACTS.items()
         if artifact.maker
-        and (made := read(root, name)) is not None
+        and (made := read_manifest(root, name)) is not None
         and not made.inputs
         and made.files.keys() <= set(artifact.kept_files)
     ]
@@ -188,7 +192,9 @@ def editing(root: Path, *names: str) -> Iterator[None]:
     Cut off, they promise nothing about the content of any file, and the next `editing` reads all of
     them. Call it under the artifacts' locks.
     """
-    before = {name: (read(root, name), _stamps(ARTIFACTS[name].folder(root))) for name in names}
+    before = {
+        name: (read_manifest(root, name), _stamps(ARTIFACTS[name].folder(root))) for name in names
+    }
     for manifest, _ in before.values():
         if manifest is not None:
             _write_entries(root, manifest, dict.fromkeys(manifest.files, FileEntry()))
@@ -211,7 +217,7 @@ def editing(root: Path, *names: str) -> Iterator[None]:
 
 
 def _write_entries(root: Path, manifest: Manifest, files: dict[str, FileEntry]) -> None:
-    write(
+    write_manifest(
         ARTIFACTS[manifest.artifact].manifest(root), msgspec.structs.replace(manifest, files=files)
     )
 
@@ -255,7 +261,7 @@ def missing(root: Path, name: str) -> list[Path]:
     """Files of an artifact, or of one declared table in it, that were written and are not there."""
     is_artifact = name in ARTIFACTS
     artifact = ARTIFACTS[name] if is_artifact else of_table(name)
-    folder, manifest = artifact.folder(root), read(root, artifact.name)
+    folder, manifest = artifact.folder(root), read_manifest(root, artifact.name)
     written = {folder / file for file in (manifest.files if manifest is not None else ())}
     at = Layout(root)
     if not artifact.public:
@@ -272,7 +278,7 @@ def damaged(root: Path, name: str) -> list[str]:
     """What is wrong with the files of an artifact, by their names and sizes and by what commands
     have noted. Raises DamagedData for its manifest.
     """
-    folder, manifest = ARTIFACTS[name].folder(root), read(root, name)
+    folder, manifest = ARTIFACTS[name].folder(root), read_manifest(root, name)
     what = dict.fromkeys(missing(root, name), "is missing")
     for file, entry in manifest.files.items() if manifest is not None else ():
         path = folder / file
@@ -320,7 +326,7 @@ def input_digest(
             if file.name != SUMS and file.parent.name not in samples
         )
     artifact, find = ARTIFACTS[name], files or partial(rows, root)
-    if artifact.every_file and (made := read(root, of)) is not None:
+    if artifact.every_file and (made := read_manifest(root, of)) is not None:
         return digest_of_files(made)
     wanted = [
         table for table in ARTIFACTS[of].tables if table in artifact.reads or not artifact.reads

@@ -34,7 +34,7 @@ def read_measures(folder: Path) -> dict[str, Any]:
     Raises DamagedData.
     """
     fix = "remove it, then run `kb pairs measure` again"
-    sections: dict[str, Any] | None = json_files.read(folder / FILE, dict[str, Any], fix=fix)
+    sections: dict[str, Any] | None = json_files.read_note(folder / FILE, dict[str, Any], fix=fix)
     return sections or {}
 
 
@@ -61,7 +61,7 @@ def write_measures(folder: Path, sections: dict[str, Any]) -> Path:
 
 def check_pairs(root: Path) -> None:
     """Raises FatalError where no pairs were made."""
-    if manifest.read(root, "pairs") is None:
+    if manifest.read_manifest(root, "pairs") is None:
         raise FatalError("there are no pairs", hint="run `kb pairs` first")
 
 

@@ -88,7 +88,7 @@ def _begin_purge(root: Path, source: str) -> bool:
     """List what was purged on any machine as a purge that is not finished: what another machine
     brings may hold it. False where there is nothing, or such a list already.
     """
-    keys = tombstones.read(root, source).select(["key", "reason"]).to_pylist()
+    keys = tombstones.tombstone_rows(root, source).select(["key", "reason"]).to_pylist()
     path = Layout(root).purge(source)
     if not keys or path.exists():
         return False
@@ -101,7 +101,7 @@ def _check(run: Run, roots: Sequence[Path]) -> None:
     hosts: dict[tuple[str, str], tuple[Path, str]] = {}
     keys: dict[tuple[str, str], Path] = {}
     for root in (run.root, *roots):
-        domain_binding.check(root, run.profile)
+        domain_binding.require_domain(root, run.profile)
         for source in SOURCES:
             for name, value in domain_binding.bound_services(root, source).items():
                 first, known = hosts.setdefault((source, name), (root, value))

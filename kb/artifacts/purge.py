@@ -191,7 +191,7 @@ class Purge:
             self.note.keys = self.keys | self.absent
             _write_note(self.keys_file, self.note)
         if self.keys and not self.dry:
-            tombstones.add(self.root, self.rules.source, self.keys.items())
+            tombstones.add_tombstones(self.root, self.rules.source, self.keys.items())
         if self.keys:
             find_names = self.rules.answers.names
             names = find_names(self) if find_names else {}
@@ -236,7 +236,7 @@ class Purge:
 def unfinished(root: Path, source: str) -> PurgeNote:
     """The note of an interrupted purge, an empty one if there is none. Raises DamagedData."""
     hint = f"delete it, then run `kb purge {source}` again"
-    return json_files.read(Layout(root).purge(source), PurgeNote, fix=hint) or PurgeNote({})
+    return json_files.read_note(Layout(root).purge(source), PurgeNote, fix=hint) or PurgeNote({})
 
 
 def note_keys(root: Path, source: str, keys: Mapping[str, str]) -> None:
@@ -260,7 +260,7 @@ def finish(purge: Purge) -> None:
         if not (root / name).exists():
             write_bytes(root / name, text.encode())
     for name, made in note.manifests.items():
-        if manifest.read(root, name) is None:
+        if manifest.read_manifest(root, name) is None:
             manifest.write_vacant(root, made)
     with lock.writer(root, source):
         frontier = Frontier(Layout(root).state(source))
@@ -371,7 +371,7 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
         artifact = ARTIFACTS[name]
         made = Manifest(name) if artifact.folder(root).exists() and name != RELEASE else None
         with suppress(DamagedData):  # then nobody knows how it was made
-            made = manifest.read(root, name) or made
+            made = manifest.read_manifest(root, name) or made
         if made is not None:
             note.manifests[name] = manifest.without_files(made)
             linked += _behind_links(artifact.folder(root), made.files)

@@ -73,7 +73,7 @@ class View(NamedTuple):
         """
         if self.remote is not None:
             self.remote.check()
-        parquet.check(*self.files, advance=advance)
+        parquet.verify_files(*self.files, advance=advance)
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class Catalog:
         return []
 
 
-def read(path: Path) -> Catalog:
+def read_catalog(path: Path) -> Catalog:
     """What a folder holds. Raises SettingError for a folder that does not exist, FatalError for one
     without tables, DamagedData for a table's file that is missing.
     """

@@ -47,7 +47,7 @@ def changed(root: Path, name: str) -> list[str]:
     """The sources whose texts differ from those that the artifact was made from, where an older
     version has not noted them: none. Raises DamagedData.
     """
-    known = manifest.read(Catalog(root.absolute()).workplace, name)
+    known = manifest.read_manifest(Catalog(root.absolute()).workplace, name)
     if known is None or not known.inputs:
         return []
     now = inputs(root, name)

@@ -54,7 +54,7 @@ class ShardReport(msgspec.Struct, frozen=True):
 
 def shard_report(place: Path, name: str) -> ShardReport | None:
     """The report of a shard; None before it is whole. Raises DamagedData."""
-    return json_files.read(
+    return json_files.read_note(
         place / f"{name}.json", ShardReport, fix="remove it, then run `kb clips` again"
     )
 

@@ -47,7 +47,7 @@ _PACKAGES = (
 )
 
 
-def check(scheduler: str | None) -> None:
+def check_scheduler(scheduler: str | None) -> None:
     """Raise MissingExtra or SettingError before anything is sent or written."""
     if importlib.util.find_spec("distributed") is None:
         raise MissingExtra("--engine dask needs dask and distributed", hint=install_extra("dask"))
@@ -78,7 +78,7 @@ def dask_executor(
     Unreachable (no scheduler, or no worker in time), Interrupted, FatalError (workers that keep
     dying).
     """
-    check(scheduler)
+    check_scheduler(scheduler)
     import dask
     from distributed import Client, LocalCluster
 
@@ -130,7 +130,7 @@ def survey(scheduler: str | None, root: Path | None) -> list[tuple[str, int, str
     """
     if scheduler is None:
         raise SettingError("--engine dask needs --scheduler", hint="name the cluster's address")
-    check(scheduler)
+    check_scheduler(scheduler)
     from distributed import Client
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)

@@ -60,10 +60,10 @@ def export(run: Run, published: Exported, layout: str = "parquet", **options: An
             every = [place] if place.is_file() else place.rglob("*")
             there = [path for path in every if path.is_file()]
             files = {str(path.relative_to(place)): FileEntry(path.stat().st_size) for path in there}
-            as_made = manifest.of(
+            as_made = manifest.new_manifest(
                 artifact, inputs[artifact], freshness.settings(run, artifact), files, options
             )
-            manifest.write(ARTIFACTS[artifact].manifest(run.root), as_made)
+            manifest.write_manifest(ARTIFACTS[artifact].manifest(run.root), as_made)
     if not isinstance(made, Summary):
         return Summary(format=layout, export=str(made))
     return Summary(

@@ -64,7 +64,7 @@ def run_clean(run: Run, source: str, *, restored: bool = False) -> Summary:
     _segments(run.root, spec)  # without any, nothing is written
     with domain_binding.writing(run, *of_clean(source)):
         raw = manifest.inputs(run.root, f"clean/{source}")
-        quarantine.check(run.root, source)
+        quarantine.refuse_lost_answers(run.root, source)
         with _decoded(run, job._replace(scores=key)) as decoded:
             if key and spec.scorer is not None:
                 spec.scorer.annotate(run, source, _texts(run, decoded))

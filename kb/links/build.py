@@ -69,7 +69,7 @@ def build(
     The same input gives the same bytes. Raises ProfileError, MissingExtra, FatalError without
     clean tables, Interrupted, WriterLocked, DamagedData, DiskFull.
     """
-    keywords = check(run)
+    keywords = required_keywords(run)
     with domain_binding.writing(run, "links"):
         files, inputs = texts.files(run.root, "links"), texts.inputs(run.root, "links")
         called = names() if _PAGES in files else {}
@@ -93,7 +93,7 @@ def build(
     return _summary(run.root)
 
 
-def check(run: Run) -> Keywords:
+def required_keywords(run: Run) -> Keywords:
     """The profile's keywords, when everything else that links need is there.
 
     Raises ProfileError, FatalError without clean tables.
@@ -218,7 +218,7 @@ def _finish(parted: PartedBuild, keywords: Keywords, own: Mapping[int, Own]) -> 
 
 def _summary(root: Path) -> Summary:
     root = Catalog(root.absolute()).workplace
-    made = manifest.read(root, "links")
+    made = manifest.read_manifest(root, "links")
     figures = made.figures if made is not None else {}
     shown = ("entities", "with_page", "links", "mentions", "sources")
     return Summary(

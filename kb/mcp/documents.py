@@ -145,7 +145,7 @@ def surroundings(root: Path, place: SourceLocation, readers: Readers) -> AgentDo
     """The document of a place. Raises UsageError for an unknown place, DamagedData."""
     if not SOURCES[place.source].ref:
         raise UsageError(f"`read` does not support {place.source}", hint="use `query`")
-    tables = OpenTables([table_catalog.read(root)])
+    tables = OpenTables([table_catalog.read_catalog(root)])
     return readers[place.source].document(tables, place)
 
 

@@ -42,7 +42,7 @@ _LICENCES = 10  # of a source
 def run_query(root: Path, sql: str, rows: int, seconds: float, size: int) -> str:
     """The first rows as CSV in at most `size` characters. Raises DamagedData."""
     fence = Fence()
-    views = table_catalog.read(root).views
+    views = table_catalog.read_catalog(root).views
     head = f"{fence.note}\nThe answer as CSV, times in UTC."
     room = size - len(head) - len(_LEFT_OUT) - len(fence.mark("")) - 6
     try:
@@ -96,7 +96,7 @@ def serve(run: Run, readers: Readers) -> None:
 
     Raises MissingExtra without the SDK, UsageError if there are no tables.
     """
-    server = make(run, readers)
+    server = make_server(run, readers)
     import anyio
 
     try:
@@ -111,7 +111,7 @@ def serve(run: Run, readers: Readers) -> None:
     os._exit(0)  # a thread may still wait for stdin, or for an answer that is no longer wanted
 
 
-def make(run: Run, readers: Readers) -> Any:
+def make_server(run: Run, readers: Readers) -> Any:
     """The server with its tools. Raises as `serve`."""
     try:
         from mcp.server import MCPServer
@@ -122,7 +122,7 @@ def make(run: Run, readers: Readers) -> Any:
             f"kb mcp needs the Python package {error.name}",
             hint=install_extra("mcp"),
         ) from None
-    table_catalog.read(run.root)
+    table_catalog.read_catalog(run.root)
 
     class AgentServer(MCPServer):
         """The SDK's server. Null stands for an argument that is left out, as clients send it that
@@ -296,7 +296,7 @@ def _wrong_arguments(error: ValidationError) -> str:
 
 def run_about(run: Run, size: int) -> str:
     """Sources with dates and licences, the index, the views. Raises DamagedData, UsageError."""
-    opened = OpenTables([table_catalog.read(run.root)])
+    opened = OpenTables([table_catalog.read_catalog(run.root)])
     fence = Fence()
     head = (
         f"{fence.note}\n"

@@ -52,7 +52,7 @@ def load(
     views = [
         view for address in remote for view in remote_release.read_views(address, storage_options)
     ]
-    return Data([table_catalog.read(path) for path in local], views)
+    return Data([table_catalog.read_catalog(path) for path in local], views)
 
 
 class Data:

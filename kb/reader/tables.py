@@ -213,7 +213,7 @@ class TableView(RowSet):
                 return self.view.remote.dataset
             if self._is_list:
                 return ds.dataset(read_tombstones(self.view.files[0]))
-            parquet.check(*self.view.files)
+            parquet.verify_files(*self.view.files)
             return parquet_dataset(list(map(library_path, self.view.files)))
 
     @property

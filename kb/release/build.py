@@ -21,7 +21,7 @@ from kb.artifacts.release_folder import (
     TOMBSTONES,
     ReleasedTable,
     ReleaseFolder,
-    read,
+    read_release_folder,
     tombstone_lines,
 )
 from kb.core.config.profile import Profile
@@ -67,7 +67,11 @@ def release(
     with domain_binding.writing(run, *RELEASES):
         refuse(check.check(run, exports))
         facts = [write(run, folder, published[folder.source]) for folder in exports]
-        refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
+        refuse(
+            check.check_made(
+                run, [read_release_folder(folder.path, folder.source) for folder in exports]
+            )
+        )
         write_overview(run)
         freshness.note_described(run, (folder.source for folder in exports))
     return Summary(
@@ -126,7 +130,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
                 lost.format(ARTIFACTS[f"release/{source}"].command),
             )
             for source in wanted
-            if source not in there and manifest.read(run.root, f"release/{source}")
+            if source not in there and manifest.read_manifest(run.root, f"release/{source}")
         ]
     )
     if not exports:
@@ -197,7 +201,8 @@ def write(run: Run, folder: ReleaseFolder, published: MeasuredPublication) -> Fa
         # Keys removed since collection began, of whatever the folder names.
         columns = table("shared/tombstones").names(released=True)
         removed = [
-            tombstones.read(run.root, source).select(columns) for source in made_of(folder.source)
+            tombstones.tombstone_rows(run.root, source).select(columns)
+            for source in made_of(folder.source)
         ]
         write_text(folder.path / TOMBSTONES, tombstone_lines(pa.concat_tables(removed)))
         write_samples(folder, run.profile.release.sample_mb)

@@ -12,7 +12,7 @@ from kb.artifacts.release_folder import (
     TOMBSTONES,
     ReleaseFolder,
     entries,
-    read,
+    read_release_folder,
 )
 from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
@@ -42,7 +42,7 @@ RECIPES = "recipe-*.txt"  # texts of the user's own recipes, which nothing runs
 
 def in_root(root: Path) -> list[ReleaseFolder]:
     """The folders under `release/` that an export has filled, in the contract's order."""
-    folders = (read(Layout(root).release(source), source) for source in PUBLISHED)
+    folders = (read_release_folder(Layout(root).release(source), source) for source in PUBLISHED)
     return [folder for folder in folders if folder.data]
 
 

@@ -308,7 +308,7 @@ def put_back(run: Run) -> None:
 
 
 def _read_scores(path: Path) -> VideoScores | None:
-    return json_files.read(path, VideoScores, fix="remove it, then score the pairs again")
+    return json_files.read_note(path, VideoScores, fix="remove it, then score the pairs again")
 
 
 @lru_cache(maxsize=1)
@@ -383,7 +383,7 @@ def _quantiles(column: pa.ChunkedArray[Any]) -> dict[str, Any]:
 
 def _calibrated(root: Path, scores: pa.Table, wanted: float) -> dict[str, Any]:
     """What judgements say of similarities; {"judged": 0} without any."""
-    files = table_catalog.read(root).files("labels/labels")
+    files = table_catalog.read_catalog(root).files("labels/labels")
     if not files:
         return {"judged": 0}
     with database.connect(root) as con:

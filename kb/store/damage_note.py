@@ -13,7 +13,7 @@ from kb.store.exhausted import full_disk_is_resumable
 from kb.store.layout import Layout
 
 
-def add(root: Path, damaged: Iterable[Path]) -> None:
+def note_damage(root: Path, damaged: Iterable[Path]) -> None:
     """Note files that are missing or not what they were. Raises DiskFull, with none noted.
 
     Those outside of the data root, and all where it has no state, are left out.

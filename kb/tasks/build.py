@@ -60,7 +60,7 @@ def build(run: Run, playlists: Mapping[str, str]) -> Summary:
     videos, WriterLocked, DamagedData, DiskFull, Interrupted.
     """
     profile, rules = run.profile, run.profile.tasks
-    check(run)
+    require_videos(run)
     topics = profile.topics
     names = [one.name for one in keywords.load(profile).every] if profile.pairs else []
     with domain_binding.writing(run, "tasks"):
@@ -92,7 +92,7 @@ def build(run: Run, playlists: Mapping[str, str]) -> Summary:
     return _summary(run.root)
 
 
-def check(run: Run) -> None:
+def require_videos(run: Run) -> None:
     """Raises FatalError without videos."""
     if not manifest.rows(run.root, f"{_VIDEOS}/videos"):
         raise FatalError(
@@ -227,7 +227,7 @@ def _tables(
 
 
 def _summary(root: Path) -> Summary:
-    made = manifest.read(root, "tasks")
+    made = manifest.read_manifest(root, "tasks")
     figures = made.figures if made is not None else {}
     starts = {name: figures[name] for name in _SOURCES}
     return Summary(
@@ -336,7 +336,7 @@ def verdicts(root: Path) -> dict[str, Verdict]:
     files = manifest.rows(root, "labels/labels")
     if not files:
         return {}
-    parquet.check(*files)
+    parquet.verify_files(*files)
     with database.over(files, root) as con:
         rows = con.execute(
             f"""SELECT video_id, annotator, question::VARCHAR, answer

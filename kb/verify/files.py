@@ -174,7 +174,7 @@ class FileVerifier:
     @cache  # noqa: B019  a verifier ends with its command
     def _listed(self, name: str) -> frozenset[str]:
         try:
-            known = manifest.read(self._root, name)
+            known = manifest.read_manifest(self._root, name)
         except DamagedData:
             known = None  # reported with the manifest itself
         return frozenset(known.files if known is not None else ())

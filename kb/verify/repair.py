@@ -39,7 +39,7 @@ def set_aside(root: Path, findings: Findings) -> list[str]:
             artifact_manifest = artifact.folder(root) / MANIFEST
             if artifact_manifest in paths:  # without it the artifact was never made
                 artifact_manifest.unlink(missing_ok=True)
-    damage_note.add(root, lost)
+    damage_note.note_damage(root, lost)
     return lines
 
 
@@ -101,14 +101,14 @@ def _drop(artifact: Artifact, paths: Iterable[Path]) -> list[Path]:
     for path in paths:
         sidefiles.quarantine_file(path)
     try:
-        made = manifest.read(root, artifact.name)
+        made = manifest.read_manifest(root, artifact.name)
     except DamagedData:
         artifact.manifest(root).unlink()
         made = None
     if made is not None:
         folder = artifact.folder(root)
         left = {name: entry for name, entry in made.files.items() if folder / name not in paths}
-        manifest.write(artifact.manifest(root), msgspec.structs.replace(made, files=left))
+        manifest.write_manifest(artifact.manifest(root), msgspec.structs.replace(made, files=left))
     return paths
 
 

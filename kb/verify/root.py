@@ -210,7 +210,7 @@ def _missing_files(findings: Findings, root: Path) -> None:
             continue
         with contextlib.suppress(DamagedData):  # reported with the manifest itself
             lost = manifest.missing(root, name)
-            is_made = manifest.read(root, name) is not None
+            is_made = manifest.read_manifest(root, name) is not None
             if kind == "index" and not is_made and any(artifact.folder(root).glob("*.store")):
                 lost = [artifact.manifest(root)]
             for path in lost:
@@ -260,7 +260,7 @@ def _release(findings: Findings, root: Path, source: str) -> None:
     folder = Layout(root).release(source)
     if folder.is_dir() and any(folder.iterdir()):
         check_release(findings, folder, remedy, described=False)
-    elif (made := manifest.read(root, f"release/{source}")) is not None and made.files:
+    elif (made := manifest.read_manifest(root, f"release/{source}")) is not None and made.files:
         findings.missing("release", folder, remedy(folder / "x"))
 
 

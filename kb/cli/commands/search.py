@@ -259,14 +259,14 @@ def explore(
     127.0.0.1 only, and asks no service; links to videos, threads and pages open when you follow
     them. Needs the extra `explore`.
     """
-    from kb.artifacts.table_catalog import read
+    from kb.artifacts.table_catalog import read_catalog
     from kb.cli.commands.overview import overview
     from kb.explore.server import serve
     from kb.registry import SOURCES as CLASSES
 
     warn_stale(run)
     serve(
-        read(run.root).path,
+        read_catalog(run.root).path,
         run.profile,
         lambda: overview(run),
         CLASSES,

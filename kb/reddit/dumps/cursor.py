@@ -61,7 +61,7 @@ def load_cursor(root: Path, name: str, file: str = "") -> DumpCursor:
 
 def find_cursor(root: Path, name: str) -> DumpCursor | None:
     """The note of that name, None where there is none."""
-    return json_files.read(_folder(root) / f"{name}.json", DumpCursor, fix=_REPAIR)
+    return json_files.read_note(_folder(root) / f"{name}.json", DumpCursor, fix=_REPAIR)
 
 
 def cursors(root: Path) -> dict[str, DumpCursor]:
@@ -115,7 +115,7 @@ def begin_round(root: Path, names: Iterable[str]) -> None:
     that was interrupted goes on instead.
     """
     path, names = _folder(root) / f"{_ROUND}.json", sorted(names)
-    if json_files.read(path, list[Any], fix=_REPAIR) == names:
+    if json_files.read_note(path, list[Any], fix=_REPAIR) == names:
         return
     for name in names:
         (_folder(root) / f"{name}.json").unlink(missing_ok=True)

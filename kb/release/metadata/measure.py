@@ -153,7 +153,7 @@ def measure(run: Run, folder: ReleaseFolder, published: MeasuredPublication) -> 
     shards = [shard for part in folder.parts for shard in part.shards]
     verdicts = [manifest.rows(run.root, f"{folder.source}/{verdict}") for verdict in VERDICTS]
     asked = [*shards, *chain.from_iterable(verdicts)]
-    parquet.check(*asked)
+    parquet.verify_files(*asked)
     with database.over(asked, run.root) as con:
         return _facts(con, run, folder, published)
 
@@ -244,7 +244,7 @@ def _models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     filter_note = filtered(root, source)
     if not files or "toxicity" in filter_note:  # "not scored"
         return ()
-    parquet.check(*files)
+    parquet.verify_files(*files)
     with database.asking() as con:
         if "model" not in filter_note:
             return tuple(

@@ -154,7 +154,7 @@ def _scored(section: dict[str, Any] | None) -> Iterator[str]:
 def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> tuple[str, ...]:
     """What people said of tasks, and what became of it; of a root without pairs only the latter."""
     sentences = tuple(judgements(read_measures(Layout(root).pairs), "task"))
-    made = manifest.read(root, "tasks")
+    made = manifest.read_manifest(root, "tasks")
     figures = made.figures if made is not None else {}
     rejected = figures.get("rejected", {}).get("judged", 0)
     if not (figures.get("judged") or rejected):

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from kb.core.installation import np, require
 from kb.pairs.keyword_list import Keyword
-from kb.pairs.keywords import make
+from kb.pairs.keywords import make_keywords
 from kb.pairs.matching import WALL, Matcher
 from kb.sandbox.world import World
 from kb.sandbox.youtube.captions import spoken_words
@@ -59,7 +59,7 @@ class Mentions:
         self._catalogue = world.youtube
         domain = world.domain
         nouns = [Keyword(noun.title, "noun") for noun in domain.speech.nouns]
-        self._keywords = make(list(domain.keywords) or nouns)
+        self._keywords = make_keywords(list(domain.keywords) or nouns)
         self._matcher = Matcher(self._keywords.phrases)
 
     def of(self, video: Video) -> Iterator[tuple[str, float]]:

@@ -72,7 +72,7 @@ def note(root: Path, source: str, error: DamagedData, hint: str) -> None:
         if path.parent.parent.resolve() == base and gaps(path, path.stat().st_size)
     ]
     if damaged:
-        damage_note.add(root, damaged)
+        damage_note.note_damage(root, damaged)
         error.hint = hint
 
 
@@ -132,7 +132,7 @@ def set_aside(lost: Sequence[LostRange]) -> list[LostRange]:
     return named
 
 
-def check(root: Path, source: str) -> None:
+def refuse_lost_answers(root: Path, source: str) -> None:
     """Raises DamagedData when raw answers are lost that were not asked for again. Reads only.
 
     Raises DiskFull where there is no room for SQLite to read.

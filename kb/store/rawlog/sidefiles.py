@@ -92,7 +92,7 @@ def quarantine_path(path: Path) -> Path:
 
 def lost(root: Path, source: str, paths: Collection[Path]) -> DamagedData:
     """What to raise for files that are missing or not what they were; notes them."""
-    damage_note.add(root, paths)
+    damage_note.note_damage(root, paths)
     first = min(paths)
     what = "is not what was stored"
     if not first.is_file():

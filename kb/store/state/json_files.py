@@ -12,10 +12,10 @@ Note = TypeVar("Note")
 
 
 @overload
-def read(path: Path, kind: type[Note], *, fix: str = "") -> Note | None: ...
+def read_note(path: Path, kind: type[Note], *, fix: str = "") -> Note | None: ...
 @overload
-def read(path: Path, kind: Any, *, fix: str = "") -> Any: ...
-def read(path: Path, kind: Any, *, fix: str = "") -> Any:
+def read_note(path: Path, kind: Any, *, fix: str = "") -> Any: ...
+def read_note(path: Path, kind: Any, *, fix: str = "") -> Any:
     """The note, None where there is none.
 
     Raises DamagedData for a note that can't be read; `fix`: what to do, where that is not what

@@ -86,7 +86,7 @@ class Merge:
             self._scratch = tempfile.mkdtemp(prefix=".sort-", dir=self._place or path.parent)
         copy = Path(self._scratch, f"{len(self._cursors)}-{path.name}")
         rows = parquet.read_table(path, columns=self._columns).sort_by(self._by)
-        parquet.write(copy, rows)
+        parquet.write_file(copy, rows)
         return copy
 
 

@@ -91,7 +91,7 @@ def _declared(path: Path) -> str:
 
 def filtered(root: Path, source: str) -> dict[str, Any]:
     """The summary of the source's last filter, {} when there was none. Raises DamagedData."""
-    return json_files.read(Layout(root).summary(source), dict[str, Any]) or {}
+    return json_files.read_note(Layout(root).summary(source), dict[str, Any]) or {}
 
 
 def scan(files: Iterable[Path | str]) -> str:

@@ -129,7 +129,7 @@ def write_tombstones(frontier: Frontier, root: Path) -> None:
     tombstones.lift(root, "wiki", back | titles, reduce.LEFT)
     rows = [row for row in rows if row[0] not in titles]
     if rows:
-        tombstones.add(root, "wiki", rows)
+        tombstones.add_tombstones(root, "wiki", rows)
 
 
 class Comparison(NamedTuple):
@@ -211,7 +211,7 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
                 pages.add(key)
         files = {
             envelope.response["key"]
-            for envelope in rawlog.read(root, "wiki", "files")
+            for envelope in rawlog.envelopes(root, "wiki", "files")
             if envelope.response.get("path") in lost
         }
         with frontier.transaction():

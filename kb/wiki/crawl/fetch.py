@@ -96,7 +96,7 @@ def compare(api: WikiApi, frontier: Frontier, root: Path, round_: str) -> Iterat
 def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:
     """Ask about all fetched files and reopen those that changed."""
     stored_files: dict[str, dict[str, Any]] = {}
-    for envelope in rawlog.read(root, "wiki", "files"):
+    for envelope in rawlog.envelopes(root, "wiki", "files"):
         stored = envelope.response
         if stored["outcome"] == "stored" and stored.get("sha1") and stored.get("title"):
             stored_files[stored["key"]] = stored

@@ -334,7 +334,7 @@ _OWN = ("UU", "UC")  # a channel's list of uploads, which nobody made by hand
 def playlists(root: Path) -> dict[str, str]:
     """By video, the first public playlist by id that lists it. Raises DamagedData."""
     first: dict[str, str] = {}
-    for envelope in rawlog.read(root, "youtube", "ytdlp_playlists"):
+    for envelope in rawlog.envelopes(root, "youtube", "ytdlp_playlists"):
         playlist = str(envelope.response["id"])
         hidden = envelope.response.get("availability") in NOT_PUBLIC
         left_out = hidden or playlist.startswith(_OWN)

@@ -69,7 +69,8 @@ def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
     frontier = open_frontier(tmp_path)
     assert frontier.counts("video") == {"done": 1000}
     asked = [
-        envelope.request.params["id"] for envelope in rawlog.read(tmp_path, "youtube", "videos")
+        envelope.request.params["id"]
+        for envelope in rawlog.envelopes(tmp_path, "youtube", "videos")
     ]
     # An answer whose frame is whole is never asked for again; one that was in flight at a kill may
     # be twice in the ledger.

@@ -27,7 +27,7 @@ def frame(number: int) -> bytes:
 
 
 def numbers(root: Path) -> list[int]:
-    return [entry.response["n"] for entry in rawlog.read(root, "youtube", "videos")]
+    return [entry.response["n"] for entry in rawlog.envelopes(root, "youtube", "videos")]
 
 
 @pytest.mark.parametrize("answers", [(1,), (1, 2)])
@@ -122,7 +122,7 @@ def test_the_list_of_damaged_files_has_whole_lines(
 ) -> None:
     first, second = (tmp_path / "raw/wiki/images" / f"{letter * 64}.png" for letter in "ab")
     (tmp_path / "state").mkdir()
-    damage_note.add(tmp_path, [first])
+    damage_note.note_damage(tmp_path, [first])
     assert damage_note.paths(tmp_path, tmp_path) == [first]
     append = atomic.append
     for room in range(len(str(first.relative_to(tmp_path))) + 1):
@@ -133,10 +133,10 @@ def test_the_list_of_damaged_files_has_whole_lines(
 
         monkeypatch.setattr(damage_note, "append", taking)
         with pytest.raises(DiskFull):
-            damage_note.add(tmp_path, [second])
+            damage_note.note_damage(tmp_path, [second])
         assert damage_note.paths(tmp_path, tmp_path) == [first]
     monkeypatch.setattr(damage_note, "append", append)
-    damage_note.add(tmp_path, [second])
+    damage_note.note_damage(tmp_path, [second])
     assert damage_note.paths(tmp_path, tmp_path) == [first, second]
 
 

@@ -34,7 +34,7 @@ def test_suspects_are_listed_until_they_are_intact_or_forgotten(tmp_path: Path) 
     image = tmp_path / "raw/wiki/images" / f"{hashlib.sha256(b'pixels').hexdigest()}.png"
     image.parent.mkdir(parents=True)
     (tmp_path / "state").mkdir()
-    damage_note.add(tmp_path, [image])
+    damage_note.note_damage(tmp_path, [image])
     assert sidefiles.suspects(tmp_path) == [str(image.relative_to(tmp_path))]
     sidefiles.write_named(image, b"pixels")
     assert sidefiles.suspects(tmp_path) == []
