@@ -174,7 +174,7 @@ class Purge:
         """The keys of which the data root has something, or had before an interruption."""
         return {key for key in self.keys if key not in self.absent}
 
-    def find(self) -> None:
+    def find_keys(self) -> None:
         """Find what is to be removed, with what an interrupted purge left."""
         # What an interrupted purge found out can't be found out again.
         self.note = unfinished(self.root, self.rules.source)
@@ -282,7 +282,7 @@ def answers(purge: Purge) -> Iterator[PurgeLine]:
     source = purge.rules.source
     for path, starts in purge.changes.items():
         if starts and not purge.dry:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             place = path.parent.name, rawlog.base_name(path)
             # A shorter segment than the state knows would count as lost. Killed here, the same
             # command reads it again.

@@ -70,7 +70,7 @@ class PeopleRules:
     marks: Callable[[Purge, str], tuple[str, ...]]
     find: Callable[[Purge, frozenset[str]], Iterable[Theirs]]
 
-    def read(self, path: Path) -> PeopleList:
+    def read_people(self, path: Path) -> PeopleList:
         """The people that a file names, one a line; empty lines and those with # are comments.
 
         Raises SettingError where it names nobody. No message has a word of the file, or its name.

@@ -158,6 +158,6 @@ def keep_rows(
             with ShardWriter(path, table, in_order=True) as writer:
                 for batch in file.iter_batches():
                     rows = batch.filter(mask.slice(start, batch.num_rows))
-                    writer.write(with_nulls(pa.Table.from_batches([rows]), schema))
+                    writer.add_rows(with_nulls(pa.Table.from_batches([rows]), schema))
                     start += batch.num_rows
     return removed

@@ -101,7 +101,7 @@ class ReleaseFolder:
                     pass
         return mine.get(PROFILE_FILE)
 
-    def check(self) -> None:
+    def require_tables(self) -> None:
         """Raises DamagedData for a table's file that is not there, and for one that is a link which
         SHA256SUMS does not describe.
         """

@@ -34,12 +34,12 @@ class RemoteTable:
     def dataset(self) -> ds.Dataset:
         """All rows, read when they are asked for. Raises DamagedData as `check`, FatalError."""
         if TOMBSTONES in self.names:
-            rows = self.folder.read(TOMBSTONES)
+            rows = self.folder.read_file(TOMBSTONES)
             return ds.dataset(parse_tombstones(rows, f"{self.folder}/{TOMBSTONES}"))
-        self.check()
+        self.verify_footers()
         return self.folder.dataset(self.names)
 
-    def check(self) -> None:
+    def verify_footers(self) -> None:
         """Raises DamagedData where the footer of a shard says that columns or numbers are not as
         declared; to read all numbers would be to download the release.
         """

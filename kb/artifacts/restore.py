@@ -54,7 +54,7 @@ class WantedContent(NamedTuple):
     folders: Sequence[ReleaseFolder]
     dumps: Sequence[Path] = ()
 
-    def of(self, source: str) -> list[ReleaseFolder]:
+    def folders_of(self, source: str) -> list[ReleaseFolder]:
         """The chosen folders of a source."""
         return [folder for folder in self.chosen if folder.source == source]
 
@@ -83,7 +83,7 @@ class RestoreJob(Protocol):
     def wanted(self) -> bool:
         """Whether the release folders name any of it."""
 
-    def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
+    def check_settings(self, needed: tuple[str, ...]) -> tuple[str, ...]:
         """`needed` and the settings of this job. Raises SettingError, MissingCredential."""
 
     def plan(self) -> PlanPart:
@@ -248,7 +248,7 @@ class RestoreFolder:
                 for path in parts:
                     for batch in parquet.open_file(path).iter_batches(_BATCH):
                         rows = pa.Table.from_batches([batch])
-                        shuffle.write(rows, rows[self.group])
+                        shuffle.add_rows(rows, rows[self.group])
 
     def _missing_rows(
         self,

@@ -45,7 +45,7 @@ def unite(folder: Path, others: Sequence[Path] = ()) -> Path:
             f" ORDER BY {', '.join(order(table(TABLE)))}"
         )
         for batch in rows.to_arrow_reader(_BATCH):
-            writer.write(pa.Table.from_batches([batch]))
+            writer.add_rows(pa.Table.from_batches([batch]))
     for part in parts:
         part.unlink()
     manifest.record(folder, f"annotations/{folder.name}")

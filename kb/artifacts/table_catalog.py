@@ -67,12 +67,12 @@ class View(NamedTuple):
         """Whether the rows are removed keys, which `read_tombstones` reads from a file."""
         return bool(self.files) and self.files[0].stem == "tombstones"
 
-    def check(self, advance: Callable[[int], None] | None = None) -> None:
+    def verify_files(self, advance: Callable[[int], None] | None = None) -> None:
         """Raises DamagedData for bytes, columns or numbers that are not what they should be. Call
         it before rows are read. `advance` is called with the number of bytes read.
         """
         if self.remote is not None:
-            self.remote.check()
+            self.remote.verify_footers()
         parquet.verify_files(*self.files, advance=advance)
 
 
@@ -124,10 +124,10 @@ class Catalog:
         views += _links(self.path, self.workplace, self.releases)
         return tuple(views)
 
-    def check(self) -> None:
+    def require_tables(self) -> None:
         """Raises DamagedData for a table's file that should be there and is not."""
         for folder in self.releases:
-            folder.check()
+            folder.require_tables()
         if is_root(self.path):
             for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "labels"):
                 manifest.check_complete(self.path, name)
@@ -201,7 +201,7 @@ def read_catalog(path: Path) -> Catalog:
     """
     there = existing(path)
     catalog = Catalog(there)
-    catalog.check()
+    catalog.require_tables()
     if not catalog.views:
         raise empty(there)
     return catalog

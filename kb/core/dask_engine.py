@@ -169,8 +169,8 @@ class Cluster:
         """Wait for the first workers. Raises SettingError unless all that are there are fit."""
         self.look()
         while not self.fit and not self.unfit:
-            signals.stop.check()
-            self.check()
+            signals.stop.raise_if_asked()
+            self.require_workers()
             signals.stop.wait(SLICE_S)
             self.look()
         if self.unfit:
@@ -201,7 +201,7 @@ class Cluster:
                 self.fit[address] = there[address]
         return set(there)
 
-    def check(self) -> None:
+    def require_workers(self) -> None:
         """Raise Unreachable when the scheduler is lost, or no worker was there for `WORKERS_S`."""
         if self.client.status != "running":
             raise self.lost()
@@ -353,7 +353,7 @@ class _Future(Future[Any]):
             now = clock.monotonic()
             if timeout is not None and now - start >= timeout:
                 raise concurrent.futures.TimeoutError
-            self._cluster.check()
+            self._cluster.require_workers()
             if self._cluster.fit and not self._workers & self._cluster.fit.keys():
                 if self._tries >= _TRIES:
                     raise _deadly()
@@ -362,7 +362,7 @@ class _Future(Future[Any]):
             if signals.stop.requested():
                 stopped = now if stopped is None else stopped
                 if now - stopped >= HAND_S or not self._cluster.look():
-                    signals.stop.check()
+                    signals.stop.raise_if_asked()
 
     def cancel(self) -> bool:
         """Ask the cluster not to run it."""

@@ -115,7 +115,7 @@ def check_read(connector: Connector, loop: Loop) -> None:
     """
     phases = loop.scheduler.phases
     counted = {phase.kind for phase in phases if phase.limited}
-    if any(loop.tried[kind].read for kind in counted):
+    if any(loop.tried[kind].n_read for kind in counted):
         return
     for phase in phases:
         if phase.kind not in counted.union(*(upstream(phases, kind) for kind in counted)):

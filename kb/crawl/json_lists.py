@@ -161,7 +161,7 @@ class JsonLists(Connector):
             if not phase.keyed and self._known is None:
                 if self._run.again:
                     frontier.replace(phase.kind, [FIRST])
-                frontier.add(phase.kind, [FIRST])
+                frontier.add_keys(phase.kind, [FIRST])
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
         """Keys that were purged or are another part's."""
@@ -198,7 +198,7 @@ class JsonLists(Connector):
         """What an answer lists, and which items it has answered."""
         params, response = envelope.request.params, envelope.response
         if kind == SEEDS:
-            frontier.add(self._counted, params["ids"])
+            frontier.add_keys(self._counted, params["ids"])
             return
         phase = self._of_kind[kind]
         entries = phase.listed(response)
@@ -206,15 +206,15 @@ class JsonLists(Connector):
         following = phase.next_page(page, response)
         with frontier.transaction():
             for other, at in phase.adds.items():
-                frontier.add(other, named(entries, at, self._prefix(other)))
+                frontier.add_keys(other, named(entries, at, self._prefix(other)))
             if not phase.keyed:
-                frontier.add(kind, [page, *([following] if following else [])])
+                frontier.add_keys(kind, [page, *([following] if following else [])])
                 frontier.done(kind, page)
                 return
             prefix = self._prefix(kind)
             keys = [f"{prefix}{key}" for key in params["keys"].split(phase.split)]
             if page == FIRST:
-                frontier.add(kind, keys)
+                frontier.add_keys(kind, keys)
                 frontier.mark(kind, keys, "in_progress")
             if not phase.key:
                 answered = [] if following else keys

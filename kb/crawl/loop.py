@@ -45,7 +45,7 @@ class Tried:
     skipped: Counter[str] = field(default_factory=Counter)
 
     @property
-    def read(self) -> int:
+    def n_read(self) -> int:
         """How many were read."""
         return self.n - self.failed.total() - self.skipped.total()
 
@@ -130,7 +130,7 @@ class Loop:
         """Take turns of a service until none is left."""
         try:
             while True:
-                signals.stop.check()
+                signals.stop.raise_if_asked()
                 turn = self._wait_for_turn(service)
                 if turn is None:
                     return
@@ -157,7 +157,7 @@ class Loop:
                     return turn
                 if self.scheduler.has_upstream_work(service):
                     self._changed.wait(timeout=0.2)
-                    signals.stop.check()
+                    signals.stop.raise_if_asked()
                     continue
                 back, why = self.scheduler.back(service), self.scheduler.why(service)
                 if back is None:

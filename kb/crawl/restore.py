@@ -90,7 +90,7 @@ class ItemRestore:
     @cached_property
     def keys(self) -> Collection[str]:
         """The keys of the wanted items."""
-        folders = self.content.of(self.source.name)
+        folders = self.content.folders_of(self.source.name)
         return self.keys_in(
             [path for folder in folders for path in folder.shards(self.source.main)]
         )
@@ -105,7 +105,7 @@ class ItemRestore:
     def wanted(self) -> bool:
         return bool(self.keys)
 
-    def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
+    def check_settings(self, needed: tuple[str, ...]) -> tuple[str, ...]:
         """As `RestoreJob.check`. Raises ProfileError without the source's section."""
         if self.wanted:
             self.run.profile.section(self.source.name)
@@ -123,7 +123,7 @@ class ItemRestore:
         key = self.run.settings.named(credential) if credential else "no key"
         phases = [PlanPhase(**phase) for phase in summary["phases"]]
         whom = f"{self.source.title}, {key}"
-        return PlanPart([phase.of(whom) for phase in phases], [str(summary["assumed"])])
+        return PlanPart([phase.asking(whom) for phase in phases], [str(summary["assumed"])])
 
     def left(self) -> list[str]:
         """The wanted items that have to be asked for, in order, as the crawl names them. Raises
@@ -248,7 +248,7 @@ class ItemRestore:
                     rows = parquet.read_table(path)
                     keys = rows[self.key].cast(pa.string())
                     rows = rows.filter(pc.invert(pc.is_in(keys, value_set=incomplete)))
-                    shuffle.write(rows, rows[self.key])
+                    shuffle.add_rows(rows, rows[self.key])
         folder.merge(
             scratch, buckets, outcome.reasons, unlisted=outcome.unlisted, finish=self._of_items
         )

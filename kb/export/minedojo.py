@@ -197,7 +197,7 @@ def wiki(run: Run, out: Path | None = None) -> Summary:
             (folder / "images").mkdir(parents=True)
             _copy(home, page["screenshot_path"], folder / "screenshot.png")
             key = page["page_id"]
-            rows = (list(table.of(key)) for table in (elements, cells, images))
+            rows = (list(table.rows_of(key)) for table in (elements, cells, images))
             data = _data(home, folder, page, *rows)
             (folder / "data.json").write_text(json.dumps(data, indent=2), encoding="ascii")
             count += 1

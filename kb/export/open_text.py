@@ -83,7 +83,7 @@ def _export(run: Run) -> Summary:
 def _batches(asked: duckdb.DuckDBPyRelation) -> Iterator[pa.Table]:
     with closing(asked.to_arrow_reader(_BATCH)) as reader:
         for batch in reader:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             yield pa.Table.from_batches([batch])
 
 

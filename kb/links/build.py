@@ -86,7 +86,7 @@ def build(
         ]
         plan = {"keywords": lists.plain(keywords)}
         with parted_build(run, "links", inputs, plan) as parted:
-            parted.make(parts, make_part, "files", [path for _, path in paths])
+            parted.make_parts(parts, make_part, "files", [path for _, path in paths])
             if _PAGES in files:
                 _title_rows(parted.folder, keywords, own)
             _finish(parted, keywords, own)

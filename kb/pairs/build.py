@@ -65,7 +65,9 @@ def build(run: Run) -> Summary:
         inputs = manifest.inputs(run.root, "pairs")
         with parted_build(run, "pairs", inputs, plan) as parted:
             parts = _parts(run.root)
-            parted.make(parts, make_part, "transcripts", {Path(p.arguments[0]) for p in parts})
+            parted.make_parts(
+                parts, make_part, "transcripts", {Path(p.arguments[0]) for p in parts}
+            )
             sorted_shards(parted.rows, parted.build.folder, "pairs/pairs", released=False)
             quality.finish(parted.rows, parted.build.folder)
             _write_measures(run, parted.build)

@@ -424,7 +424,7 @@ class OpenTables:
         files = [path for view in used for path in view.files]
         with reading(files), reading_views(used):
             for view in used:
-                view.check()
+                view.verify_files()
             return self.con.sql(sql, params=list(parameters)).to_arrow_table()
 
     def folders(self) -> list[str]:

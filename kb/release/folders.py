@@ -97,7 +97,7 @@ def verify(run: Run, releases: Folders) -> None:
     """
     for folder in releases:
         sums = _sums(folder.path)
-        folder.check()
+        folder.require_tables()
         for path in folder.data:
             if path.name not in sums and path.suffix == ".parquet":
                 raise DamagedData(f"{path} is not in {SUMS}", hint=f"remove it, or {DOWNLOAD}")

@@ -326,7 +326,7 @@ def _drawn(run: Run, data: ReportData, name: str, makers: Sequence[FigureMaker])
     figures: list[Figure] = []
     with run.progress.task(f"report {name}", total=len(makers), unit="figures") as task:
         for make in makers:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             with applied():
                 made = make(data, run.profile)
             if made is not None:

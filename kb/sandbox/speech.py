@@ -48,7 +48,7 @@ class Noun:
     number: str = "one"
 
     @classmethod
-    def of(cls, title: str, mass: Collection[str], singular: Collection[str]) -> Noun:
+    def from_title(cls, title: str, mass: Collection[str], singular: Collection[str]) -> Noun:
         """The noun of a name, by its head. `mass`: words without a plural; `singular`: words that
         only look like one.
         """
@@ -151,7 +151,7 @@ class Speech:
         self.verbs = tuple(verbs) or ("make",)
         mass, singular = set(given.mass.split()), set(given.singular.split())
         self.topics, self.topic = tuple(topic), topic[0]
-        self.nouns = [Noun.of(name, mass, singular) for name in names]
+        self.nouns = [Noun.from_title(name, mass, singular) for name in names]
         self._weights = [1 / (place + 4) ** 0.8 for place in range(len(names))]
         self._foreign = {
             code: sentences for code, sentences in given.foreign.items() if code != language

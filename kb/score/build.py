@@ -171,7 +171,7 @@ def _watched(path: Path, ticks: np.ndarray, model: ClipModel) -> tuple[np.ndarra
         before = image.astype(np.int16)
         batch.append(image)
         if len(batch) == BATCH:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             embedded.append(model.frames(batch))
             batch = []
     embedded.append(model.frames(batch))

@@ -128,7 +128,7 @@ def _mined(run: Run, miner: TitleMiner) -> list[_Title]:
         for path in files:
             with parquet.open_file(path) as file:
                 for batch in file.iter_batches(columns=columns):
-                    signals.stop.check()
+                    signals.stop.raise_if_asked()
                     rows = batch.to_pydict()
                     rows["published_at"] = pc.cast(batch["published_at"], pa.string()).to_pylist()
                     cells = zip(*(rows[name] for name in columns), strict=True)
@@ -170,7 +170,7 @@ def _times(run: Run, titles: list[_Title], max_gap_s: float) -> dict[str, Times]
             with parquet.open_file(path, pre_buffer=False) as file:
                 columns = ["video_id", "kind", "cues"]
                 for batch in file.iter_batches(batch_size=_ROWS, columns=columns):
-                    signals.stop.check()
+                    signals.stop.raise_if_asked()
                     rows = batch.filter(pc.is_in(batch.column("video_id"), value_set=ids))
                     if not rows.num_rows:
                         continue

@@ -78,7 +78,7 @@ class FileVerifier:
         self._findings, self._root = findings, root
         self._segments = {source: raw.SegmentVerifier(findings, root, source) for source in SOURCES}
 
-    def read(self, files: Iterable[Path]) -> None:
+    def verify_files(self, files: Iterable[Path]) -> None:
         """Check each file, then report segments that the state knows and that are missing."""
         for path in files:
             try:

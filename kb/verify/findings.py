@@ -92,7 +92,7 @@ class Findings:
         """Add a file that no command has written."""
         self.entries.append(VerifyFinding(kind, "foreign", path, _size(path), what, advice))
 
-    def of(self, *kinds: str, state: str = "") -> list[VerifyFinding]:
+    def of_kinds(self, *kinds: str, state: str = "") -> list[VerifyFinding]:
         """The findings of these kinds."""
         return [
             finding
@@ -105,7 +105,7 @@ class Findings:
         if state == "whole":
             sizes = [self._intact[kind] for kind in kinds if kind in self._intact]
         else:
-            sizes = [(1, finding.size) for finding in self.of(*kinds, state=state)]
+            sizes = [(1, finding.size) for finding in self.of_kinds(*kinds, state=state)]
         return sum(files for files, _ in sizes), sum(size for _, size in sizes)
 
     def _by_kind(self) -> dict[str, dict[str, tuple[int, int]]]:

@@ -46,7 +46,9 @@ def set_aside(root: Path, findings: Findings) -> list[str]:
 def lost_sources(root: Path, findings: Findings) -> list[str]:
     """The sources whose raw answers or state are damaged."""
     found = [
-        finding for finding in findings.of("raw answers", "state") if finding.state != "foreign"
+        finding
+        for finding in findings.of_kinds("raw answers", "state")
+        if finding.state != "foreign"
     ]
     return [
         source

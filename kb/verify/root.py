@@ -230,7 +230,7 @@ def _missing_tombstones(findings: Findings, root: Path) -> None:
 def _two_answers(findings: Findings, root: Path, source: str) -> None:
     """crawled = kept + rejected + failed + pending: no key is in two of them."""
     clean = Layout(root).clean(source)
-    if any(clean in finding.path.parents for finding in findings.of("clean")):
+    if any(clean in finding.path.parents for finding in findings.of_kinds("clean")):
         return  # counting makes sense of whole files only
     keys = [
         (
@@ -305,7 +305,7 @@ def verify(folder: Path, progress: Progress) -> Findings:
 
 def _root(findings: Findings, root: Path, files: Iterable[Path]) -> None:
     """Each file by where it is, then what is not there, then what the files say together."""
-    FileVerifier(findings, root).read(files)
+    FileVerifier(findings, root).verify_files(files)
     compare(findings, root)
 
 

@@ -321,7 +321,7 @@ def test_a_late_worker_with_other_code_gets_no_work(own, tmp_path, caplog):
         told = threading.Event()
         while not any("gets no work: it has Lorecrawl" in one.message for one in caplog.records):
             pool.submit(os.getpid).result()
-            pool._cluster.check()
+            pool._cluster.require_workers()
             assert not told.wait(0.1)
         pids = set(map_in_order(pool, tasks.pid_of, ((n,) for n in range(12)), window=6))
         assert pids == {first}

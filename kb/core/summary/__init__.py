@@ -28,7 +28,7 @@ class Tally:
             *(a + b for a, b in zip(asdict(self).values(), asdict(other).values(), strict=True))
         )
 
-    def check(self, what: str) -> Tally:
+    def balanced(self, what: str) -> Tally:
         """Itself, or CountMismatch when items were lost or doubled."""
         answered = self.kept + self.rejected + self.failed + self.pending
         if answered != self.crawled:

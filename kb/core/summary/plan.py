@@ -25,7 +25,7 @@ class PlanPhase(NamedTuple):
     hours: float = 0.0
     gb: float = 0.0
 
-    def of(self, whom: str) -> PlanPhase:
+    def asking(self, whom: str) -> PlanPhase:
         """The same phase, with whom it asks."""
         return self._replace(phase=f"{self.phase} of {whom}")
 

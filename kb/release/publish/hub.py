@@ -165,7 +165,7 @@ class Hub:
                 pack = added[start : start + PACK]
                 self._api.preupload_lfs_files(repo, pack, repo_type=KIND, num_threads=THREADS)
                 sent(sum(operation.upload_info.size for operation in pack))
-                signals.stop.check()
+                signals.stop.raise_if_asked()
             operations: list[Any] = [*added, *map(CommitOperationDelete, removed)]
             done = self._api.create_commit(
                 repo,

@@ -85,7 +85,7 @@ def _deposit(
     service = Zenodo(session, endpoint, token, wait=run.wait)
     for folder in exports:
         try:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             deposits[folder.source] = Upload(run, service, folder).go(publish=publish)
         except KbError as error:
             public = [

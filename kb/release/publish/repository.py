@@ -82,7 +82,7 @@ def send(
         files[CARD] = card
     head = newest.id
     if files or removed:
-        signals.stop.check()
+        signals.stop.raise_if_asked()
         size = sum(
             len(content) if isinstance(content, bytes) else content.stat().st_size
             for content in files.values()
@@ -93,7 +93,7 @@ def send(
             )
     older, tags = service.older(repo), service.tags(repo)
     if squash:
-        signals.stop.check()
+        signals.stop.raise_if_asked()
         head, tags = _squashed(service, repo, tag, head, tags, older=older)
         older = 0
     if tags.get(tag) != head:

@@ -72,7 +72,7 @@ class Upload:
             if not publish:
                 record = {"id": draft["id"], "doi": doi(described), "page": page(described)}
                 return _shown("draft", record, uploaded)
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             public = self.service.publish(draft["id"])
             return self._published("published", public | {"id": draft["id"]}, uploaded)
         except Forbidden as error:
@@ -150,7 +150,7 @@ class Upload:
         sent, size = 0, sum(path.stat().st_size for path in local)
         with self.run.progress.task(f"upload {self.folder.source}", size, "bytes") as task:
             for path in local:
-                signals.stop.check()
+                signals.stop.raise_if_asked()
                 checksum = md5(path)
                 if path.name in there and _md5_of(there[path.name]) == checksum:
                     task.advance(path.stat().st_size)

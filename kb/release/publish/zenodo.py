@@ -267,7 +267,7 @@ class _Watched:
 
     def read(self, size: int = -1) -> bytes:
         """The next bytes. Raises Interrupted."""
-        signals.stop.check()
+        signals.stop.raise_if_asked()
         return self._file.read(size)
 
 

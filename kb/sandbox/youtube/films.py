@@ -48,7 +48,7 @@ def write_films(world: World, folder: Path) -> int:
     mentions = Mentions(world)
     for video in world.youtube.videos.values():
         with writing(folder / f"{video.id}.mp4", sync=False) as path:
-            write_film(path, timeline(mentions.of(video), video.seconds))
+            write_film(path, timeline(mentions.in_video(video), video.seconds))
     return len(world.youtube.videos)
 
 
@@ -62,7 +62,7 @@ class Mentions:
         self._keywords = make_keywords(list(domain.keywords) or nouns)
         self._matcher = Matcher(self._keywords.phrases)
 
-    def of(self, video: Video) -> Iterator[tuple[str, float]]:
+    def in_video(self, video: Video) -> Iterator[tuple[str, float]]:
         """(keyword, start in s) of each mention in a video, in order, in the domain's language."""
         raw, places, starts = bytearray(b" "), list[int](), list[float]()
         for sentence in self._catalogue.talk(video, self._catalogue.planted.language):

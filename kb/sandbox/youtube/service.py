@@ -165,7 +165,7 @@ class DataApi:
         }
 
     def _requested_videos(self, request: Request) -> list[Any]:
-        found = map(self.world.youtube.find, dict.fromkeys(_ids(request)))
+        found = map(self.world.youtube.video_of, dict.fromkeys(_ids(request)))
         return [video for video in found if video is not None and video.in_api]
 
 

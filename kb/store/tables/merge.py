@@ -165,7 +165,7 @@ class RowsByKey:
         self._rows, self._key = rows, key
         self._next = next(rows, None)
 
-    def of(self, key: Any) -> Iterator[dict[str, Any]]:
+    def rows_of(self, key: Any) -> Iterator[dict[str, Any]]:
         """The rows of one key; ask for keys in rising order, and read them before the next."""
         while self._next is not None and self._next[self._key] < key:
             self._next = next(self._rows, None)

@@ -59,7 +59,7 @@ def write_table(
     if not _sorted(rows, order(declared)):
         rows = rows.sort_by([(name, "ascending") for name in order(declared)])
     with ShardWriter(path, declared, released=released, in_order=True, sync=sync) as writer:
-        writer.write(rows)
+        writer.add_rows(rows)
     return Shard(path, rows.num_rows)
 
 
@@ -135,7 +135,7 @@ class ShardWriter:
         """Bytes of the row groups written so far."""
         return self._temporary.stat().st_size
 
-    def write(self, rows: pa.Table) -> None:
+    def add_rows(self, rows: pa.Table) -> None:
         """Add rows in their order. Raises SchemaMismatch."""
         rows = conform(self.declared, rows, released=self.released)
         self.rows += rows.num_rows
@@ -234,7 +234,7 @@ def write_sorted(
             group_rows=group_rows,
         ) as writer:
             while group is not None and (not writer.rows or writer.size < shard_bytes):
-                writer.write(group)
+                writer.add_rows(group)
                 group = next(groups, None)
         written.append(Shard(path, writer.rows))
     number = len(written)  # which the name of each shard says

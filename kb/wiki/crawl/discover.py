@@ -57,14 +57,14 @@ def begin_round(
         frontier.set_cursor(cursor, current)
         tag = str(current.number) if names is None else f"t{current.number}"
         if not current.done and frontier.cursor(reduce.SITE + tag) is None:
-            frontier.add("site", [(tag, SiteItem(names is None, tuple(namespaces)))])
+            frontier.add_keys("site", [(tag, SiteItem(names is None, tuple(namespaces)))])
         if names is None:
             if not current.done:
                 reduce.add_lists(frontier, current.number)
             return
         waiting = frontier.items("info", "todo")
         if not current.done or any(key.startswith(f"{tag}:") for key, *_ in waiting):
-            frontier.add("gone", [tag])
+            frontier.add_keys("gone", [tag])
 
 
 def named_tag(frontier: Frontier, *, again: bool) -> str:

@@ -65,7 +65,7 @@ def test_a_replay_takes_back_what_no_raw_answer_says(tmp_path):
     frontier.spend("general", 5, "videos.list")
     with Recorder(tmp_path, "youtube", frontier, apply, asked=["video"]) as recorder:
         frontier.set_cursor("round", 3)
-        frontier.add("video", ["named"])
+        frontier.add_keys("video", ["named"])
         for number in range(3):
             recorder.record("videos", "videos", {"id": f"v{number}"}, 200, {})
     [path] = rawlog.segments(tmp_path, "youtube", "videos")
@@ -97,7 +97,7 @@ def test_a_killed_replay_goes_on(tmp_path, steps, monkeypatch):
     """Whatever was done of it, the next run ends in the same state."""
     frontier = open_frontier(tmp_path)
     with Recorder(tmp_path, "youtube", frontier, apply, asked=["video"]) as recorder:
-        frontier.add("video", ["named"])
+        frontier.add_keys("video", ["named"])
         for number in range(3):
             recorder.record("videos", "videos", {"id": f"v{number}"}, 200, {})
     [path] = rawlog.segments(tmp_path, "youtube", "videos")

@@ -13,7 +13,7 @@ from tests.store.state.test_frontier import open_frontier
 
 def apply(frontier, kind, envelope):
     key = envelope.request.params["id"]
-    frontier.add("video", [key])
+    frontier.add_keys("video", [key])
     frontier.done("video", key)
 
 
@@ -47,7 +47,7 @@ from tests.store.rawlog.test_recorder import apply, open_frontier
 from kb.store.rawlog.recorder import Recorder
 root = Path(sys.argv[1])
 frontier = open_frontier(root)
-frontier.add("video", [f"v{n}" for n in range(1000)])
+frontier.add_keys("video", [f"v{n}" for n in range(1000)])
 with Recorder(root, "youtube", frontier, apply) as recorder:
     print("go", flush=True)
     while items := frontier.take("video"):
