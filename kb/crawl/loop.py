@@ -246,17 +246,33 @@ class Loop:
     def _settle(
         self, phase: Phase, items: list[Item], failure: Retryable | None, complete: bool
     ) -> None:
-        """Count answered and failed items; split a failed batch into halves."""
+        """Decide about items without an answer, count the others, and note whether the service is
+        up.
+        """
         left = self._unanswered(phase, items)
-        if failure is not None and len(left) > 1:
-            retried = [item for item in items if item.key in left]
+        if failure is not None and len(left) > 1:  # one of them may be the reason
             with self._changed:
-                self.scheduler.split(phase, retried, failure.reason)
+                again = [item for item in items if item.key in left]
+                self.scheduler.split(phase, again, failure.reason)
                 self._changed.notify_all()
             items = [item for item in items if item.key not in left]
         elif left:
             reason = "unanswered" if failure is None else failure.reason
             self.frontier.mark(phase.kind, left, "error", reason)
+        self._count(phase, items)
+        with self._changed:
+            if failure is None:
+                self._failures[phase.service] = 0
+                self._doubtful.pop(phase.service, None)
+                self._up.add(phase.service)
+            elif phase.service not in self._up:
+                self._doubtful[phase.service] = phase, failure
+        if failure is None and complete:
+            self.session.clear_block(phase.service)
+        self._show(phase, len(items))
+
+    def _count(self, phase: Phase, items: list[Item]) -> None:
+        """Count items that were requested, by what the frontier says of them now."""
         states = [self.frontier.get(phase.kind, item.key) for item in items]
         with self._changed:
             self.answered[phase.kind] += len(items)
@@ -267,15 +283,6 @@ class Loop:
                 if status in ("error", "skipped"):
                     why = tried.failed if status == "error" else tried.skipped
                     why[code or status] += 1
-            if failure is None:
-                self._failures[phase.service] = 0
-                self._doubtful.pop(phase.service, None)
-                self._up.add(phase.service)
-            elif phase.service not in self._up:
-                self._doubtful[phase.service] = phase, failure
-        if failure is None and complete:
-            self.session.clear_block(phase.service)
-        self._show(phase, len(items))
 
     def _give_up(self, kind: str, items: list[Item], reason: str) -> None:
         """Count items that failed with their batch."""

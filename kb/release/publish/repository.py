@@ -11,7 +11,7 @@ there, with the folders' names before those of the files.
 
 import hashlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,40 +57,22 @@ def send(
     records = Records(run.root)
     repo = named or _known_name(records, endpoint) or f"{account}/{run.profile.name}"
     check_name(repo)
-    known = records.get(record_key(endpoint, repo))
+    key = record_key(endpoint, repo)
+    known = records.get(key)
     newest = _opened(service, repo, private=private, known=bool(known))
-    wanted = {
-        f"{folder.path.name}/{path.name}": path
-        for folder in exports
-        for path in local_files(folder)
-    }
     mine = _names(exports) if only else {*PUBLISHED, *_names(exports)}
     others = sorted(name for name in {*PUBLISHED} - mine if f"{name}/{SUMS}" in newest.files)
+    digests = _digests(exports)
+    files, removed = _changes(newest, exports, mine, digests)
     tag = f"v{_version(exports)}"
     cards = {folder.path.name: (folder.path / CARD).read_text("utf-8") for folder in exports}
     cards |= {name: service.text(repo, newest.id, f"{name}/{CARD}") for name in others}
     card = _card(run, repo, tag, cards)
-    digests = _digests(exports)
-    changed = [path for path in wanted if not _same(newest.files.get(path), wanted[path], digests)]
-    removed = [
-        path
-        for path in newest.files
-        if "/" in path and path.partition("/")[0] in mine and path not in wanted
-    ]
-    files: dict[str, Path | bytes] = {path: wanted[path] for path in changed}
     if newest.files.get(CARD) != _git_oid(card):
         files[CARD] = card
     head = newest.id
     if files or removed:
-        signals.stop.raise_if_asked()
-        size = sum(
-            len(content) if isinstance(content, bytes) else content.stat().st_size
-            for content in files.values()
-        )
-        with run.progress.task(f"upload {repo}", size, "bytes") as task:
-            head = service.commit(
-                repo, newest.id, files, removed, f"Version {tag[1:]}", task.advance
-            )
+        head = _committed(run, service, repo, newest, files, removed, tag)
     older, tags = service.older(repo), service.tags(repo)
     if squash:
         signals.stop.raise_if_asked()
@@ -102,10 +84,7 @@ def send(
         service.tag(repo, tag, head)
     left: dict[str, str] = known.get("files", {})
     kept = {path: what for path, what in left.items() if path.partition("/")[0] in others}
-    records.write(
-        record_key(endpoint, repo),
-        {"repository": repo, "files": digests | kept, "revision": head, "tag": tag},
-    )
+    records.write(key, {"repository": repo, "files": digests | kept, "revision": head, "tag": tag})
     more = {"older_revisions": older, "older_tags": ", ".join(sorted({*tags} - {tag}))}
     return Summary(_summary(service.root, repo, tag, head, exports, files, removed) | more)
 
@@ -174,6 +153,52 @@ def _opened(service: Hub, repo: str, *, private: bool, known: bool) -> Revision:
             hint="make it private in its settings on the hub, or leave out --private",
         )
     return newest
+
+
+def _changes(
+    newest: Revision,
+    exports: Sequence[ReleaseFolder],
+    mine: Collection[str],
+    digests: Mapping[str, str],
+) -> tuple[dict[str, Path | bytes], list[str]]:
+    """The files that the hub has not yet as they are here, and those in folders of `mine` that are
+    not here any more.
+    """
+    wanted = {
+        f"{folder.path.name}/{path.name}": path
+        for folder in exports
+        for path in local_files(folder)
+    }
+    files: dict[str, Path | bytes] = {
+        name: path
+        for name, path in wanted.items()
+        if not _same(newest.files.get(name), path, digests)
+    }
+    removed = [
+        name
+        for name in newest.files
+        if "/" in name and name.partition("/")[0] in mine and name not in wanted
+    ]
+    return files, removed
+
+
+def _committed(
+    run: Run,
+    service: Hub,
+    repo: str,
+    newest: Revision,
+    files: Mapping[str, Path | bytes],
+    removed: Sequence[str],
+    tag: str,
+) -> str:
+    """Send a revision, with a bar of its bytes; its id."""
+    signals.stop.raise_if_asked()
+    size = sum(
+        len(content) if isinstance(content, bytes) else content.stat().st_size
+        for content in files.values()
+    )
+    with run.progress.task(f"upload {repo}", size, "bytes") as task:
+        return service.commit(repo, newest.id, files, removed, f"Version {tag[1:]}", task.advance)
 
 
 def _squashed(
