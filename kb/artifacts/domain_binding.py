@@ -27,9 +27,9 @@ from kb.core.installation import PROFILE_FILE
 from kb.core.sources import SOURCES
 from kb.store import leftovers, lock
 from kb.store.atomic import write_bytes
+from kb.store.damage import read_note
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
-from kb.store.state import json_files
 
 
 class Remembered(msgspec.Struct, frozen=True):
@@ -194,7 +194,7 @@ def note_if_stored(root: Path, profile: Profile) -> None:
 
 def _read(root: Path) -> Remembered | None:
     fix = "delete it, then name the profile once with --profile NAME|FILE"
-    return json_files.read_note(Layout(root).profile, Remembered, fix=fix)
+    return read_note(Layout(root).profile, Remembered, fix=fix)
 
 
 def _holds_data(root: Path) -> bool:
@@ -248,7 +248,7 @@ def bind_service(root: Path, source: str, **facts: str) -> None:
 def bound_services(root: Path, source: str) -> dict[str, str]:
     """What was noted of a source; empty when nothing was. Raises DamagedData."""
     fix = "delete it; the next crawl records its services again"
-    return json_files.read_note(Layout(root).identity(source), dict[str, str], fix=fix) or {}
+    return read_note(Layout(root).identity(source), dict[str, str], fix=fix) or {}
 
 
 def _host(value: str) -> str:

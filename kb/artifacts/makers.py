@@ -30,8 +30,8 @@ from kb.core.errors import (
 )
 from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
-from kb.store import damage_note
 from kb.store.artifact_registry import ARTIFACTS, CHUNKS, RELEASE, exports_in
+from kb.store.damage import forget_damage, note_damage
 
 _NONE: Mapping[str, Any] = {}
 MADE, UNCHANGED, FAILED, LEFT_OUT = "made", "unchanged", "failed", "left out"
@@ -114,10 +114,10 @@ def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None)
     try:
         summary: Summary = make(run, *maker.arguments, **given)
     except DamagedData as error:
-        damage_note.note_damage(run.root, error.paths)
+        note_damage(run.root, error.paths)
         raise
     if name != RELEASE:  # which describes the folders of other artifacts
-        damage_note.forget(run.root, ARTIFACTS[name].folder(run.root))
+        forget_damage(run.root, ARTIFACTS[name].folder(run.root))
     return summary
 
 

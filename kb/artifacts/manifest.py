@@ -32,13 +32,13 @@ from typing import Any
 import msgspec
 
 from kb.core.sources import SOURCES
-from kb.store import damage, damage_note
+from kb.store import damage
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST, SUMS, artifact_of, of_table
 from kb.store.atomic import replacing_folder, write_bytes
+from kb.store.damage import noted_damage, read_note
 from kb.store.layout import Layout, parquet_files, rows_pattern
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.raw_files import raw_files
-from kb.store.state import json_files
 from kb.store.tables import checksums, parquet
 from kb.store.tables.checksums import FileEntry
 from kb.store.tables.parquet import content_digest
@@ -80,7 +80,7 @@ class Build:
 def read_manifest(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact = ARTIFACTS[name]
-    return json_files.read_note(artifact.manifest(root), Manifest, fix=artifact.hint)
+    return read_note(artifact.manifest(root), Manifest, fix=artifact.hint)
 
 
 @contextlib.contextmanager
@@ -284,7 +284,7 @@ def damaged(root: Path, name: str) -> list[str]:
         path = folder / file
         if path not in what and entry.sha256 and path.stat().st_size != entry.size:
             what[path] = "is damaged"
-    for path in damage_note.paths(root, folder):
+    for path in noted_damage(root, folder):
         what.setdefault(path, "is damaged")
     return [f"{path.name} {why}" for path, why in what.items()]
 

@@ -16,9 +16,9 @@ from kb.artifacts import manifest
 from kb.core.errors import FatalError
 from kb.core.summary import share_of
 from kb.store.atomic import write_bytes
+from kb.store.damage import read_note
 from kb.store.layout import Layout
 from kb.store.lock import writer
-from kb.store.state import json_files
 from kb.store.tables import database
 from kb.store.tables.reading import scan
 
@@ -34,7 +34,7 @@ def read_measures(folder: Path) -> dict[str, Any]:
     Raises DamagedData.
     """
     fix = "remove it, then run `kb pairs measure` again"
-    sections: dict[str, Any] | None = json_files.read_note(folder / FILE, dict[str, Any], fix=fix)
+    sections: dict[str, Any] | None = read_note(folder / FILE, dict[str, Any], fix=fix)
     return sections or {}
 
 

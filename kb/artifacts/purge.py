@@ -41,10 +41,11 @@ from kb.core.errors import DamagedData
 from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of
 from kb.store.atomic import remove_path, write_bytes
+from kb.store.damage import read_note
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.rawlog import Envelope
-from kb.store.state import json_files, tombstones
+from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.store.state.tombstones import PERSON
 from kb.store.tables import partition
@@ -236,7 +237,7 @@ class Purge:
 def unfinished(root: Path, source: str) -> PurgeNote:
     """The note of an interrupted purge, an empty one if there is none. Raises DamagedData."""
     hint = f"delete it, then run `kb purge {source}` again"
-    return json_files.read_note(Layout(root).purge(source), PurgeNote, fix=hint) or PurgeNote({})
+    return read_note(Layout(root).purge(source), PurgeNote, fix=hint) or PurgeNote({})
 
 
 def note_keys(root: Path, source: str, keys: Mapping[str, str]) -> None:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from kb.clips.frames import UndecodableVideo, check_film
 from kb.core import signals
-from kb.core.video_names import possible_ids, without_stream
+from kb.schema.video_facts import possible_ids, without_stream
 from kb.store.walk import walk
 
 if TYPE_CHECKING:

@@ -138,7 +138,7 @@ class DeclaredSetting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class DeclaredService(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How a service of JSON answers may be asked (kb.crawl.json_service).
+    """How a service of JSON answers may be asked (kb.crawl.json_lists).
 
     url              the key of the source's section with the address of the service
     per_day          units a day: a number, or the key of the source's section that has it; 0 for
@@ -209,7 +209,7 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     dated            the column of the main table that dates a row, and what happened then
     unlicensed       a sentence on licences where rows name none of their own
     settings         settings that it adds, by name
-    service          how its service may be asked, where that is what `kb.crawl.json_service` does
+    service          how its service may be asked, where that is what `kb.crawl.json_lists` does
     """
 
     package: Path

@@ -56,9 +56,9 @@ from kb.core.summary import Summary, share_of
 from kb.schema.tables import table
 from kb.score.models import BATCH, ClipModel, checkpoint_file, model_name, unit
 from kb.store.atomic import write_bytes
+from kb.store.damage import read_note
 from kb.store.layout import Layout
 from kb.store.lock import writer
-from kb.store.state import json_files
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import scan
 from kb.store.tables.shard_writer import write_table
@@ -308,7 +308,7 @@ def put_back(run: Run) -> None:
 
 
 def _read_scores(path: Path) -> VideoScores | None:
-    return json_files.read_note(path, VideoScores, fix="remove it, then score the pairs again")
+    return read_note(path, VideoScores, fix="remove it, then score the pairs again")
 
 
 @lru_cache(maxsize=1)

@@ -12,8 +12,8 @@ import msgspec
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
-from kb.store import damage_note
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST, Artifact, artifact_of
+from kb.store.damage import note_damage
 from kb.store.layout import Layout
 from kb.store.rawlog import sidefiles
 from kb.verify.findings import Findings, VerifyFinding
@@ -39,7 +39,7 @@ def set_aside(root: Path, findings: Findings) -> list[str]:
             artifact_manifest = artifact.folder(root) / MANIFEST
             if artifact_manifest in paths:  # without it the artifact was never made
                 artifact_manifest.unlink(missing_ok=True)
-    damage_note.note_damage(root, lost)
+    note_damage(root, lost)
     return lines
 
 

@@ -99,7 +99,7 @@ def build(
 
 def _graph(run: Run, names: Sequence[str], out: Path | None) -> Summary:
     """Print the graph, and draw it."""
-    from kb.artifacts.graph_view import CURRENT, nodes
+    from kb.report.graph import CURRENT, nodes
 
     shown = nodes(run, names)
     for line in (line for node in shown for line in node.lines()):
@@ -110,7 +110,7 @@ def _graph(run: Run, names: Sequence[str], out: Path | None) -> Summary:
         current=sum(node.state == CURRENT for node in shown),
     )
     if out is not None:
-        from kb.report.graph_drawing import drawn
+        from kb.report.graph import drawn
         from kb.store.atomic import write_bytes
 
         write_bytes(out, drawn(shown))

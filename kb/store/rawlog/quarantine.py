@@ -16,9 +16,8 @@ from typing import BinaryIO, NamedTuple
 
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
-from kb.store import damage_note
 from kb.store.atomic import followed, write_bytes, writing
-from kb.store.damage import open_file
+from kb.store.damage import note_damage, noted_damage, open_file
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
@@ -72,13 +71,13 @@ def note(root: Path, source: str, error: DamagedData, hint: str) -> None:
         if path.parent.parent.resolve() == base and gaps(path, path.stat().st_size)
     ]
     if damaged:
-        damage_note.note_damage(root, damaged)
+        note_damage(root, damaged)
         error.hint = hint
 
 
 def noted_segments(root: Path, source: str) -> list[Path]:
     """The segments that commands noted as damaged."""
-    noted = damage_note.paths(root, Layout(root).raw(source))
+    noted = noted_damage(root, Layout(root).raw(source))
     return [path for path in noted if path.name.endswith((rawlog.SUFFIX, rawlog.OPEN))]
 
 

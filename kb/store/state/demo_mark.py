@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from kb.store.atomic import write_bytes
-from kb.store.state import json_files
+from kb.store.damage import read_note
 
 NAME = "demo.json"
 NOTE = (
@@ -26,7 +26,7 @@ class DemoMark(msgspec.Struct, frozen=True):
 def read_mark(root: Path) -> DemoMark | None:
     """The mark; None where no demo made the data root. Raises DamagedData."""
     fix = "delete the demo's folder and run `kb demo` again"
-    return json_files.read_note(root / NAME, DemoMark, fix=fix)
+    return read_note(root / NAME, DemoMark, fix=fix)
 
 
 def write_mark(root: Path, *, finished: bool) -> None:

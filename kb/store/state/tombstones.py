@@ -20,9 +20,8 @@ from kb.core import clock
 from kb.core.errors import DamagedData
 from kb.schema.tables import table
 from kb.store.atomic import write_bytes
-from kb.store.damage import unreadable
+from kb.store.damage import read_note, unreadable
 from kb.store.layout import Layout
-from kb.store.state import json_files
 from kb.store.tables import parquet
 from kb.store.tables.shard_writer import write_table
 
@@ -138,7 +137,7 @@ def _load(root: Path, source: str) -> pa.Table:
 def _count(root: Path, source: str) -> int:
     place = Layout(root).tombstone_count(source)
     fix = f"remove it: it only says how many rows {path(root, source)} has"
-    count = json_files.read_note(place, int, fix=fix)
+    count = read_note(place, int, fix=fix)
     copy = place.with_suffix(".parquet")  # of the tombstones, as an older version kept it
     if count is None and copy.is_file():
         count = parquet.read_table(copy).num_rows

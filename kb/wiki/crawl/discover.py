@@ -13,7 +13,7 @@ import msgspec
 
 from kb.core import clock
 from kb.core.errors import DamagedData
-from kb.store import damage_note
+from kb.store.damage import forget_damage
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state import tombstones
@@ -220,7 +220,7 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
                 frontier.mark(kind, sorted(keys & done), "todo")
         for path in lost:
             sidefiles.quarantine_file(root / path)
-    damage_note.forget(root, Layout(root).captures, Layout(root).images)
+    forget_damage(root, Layout(root).captures, Layout(root).images)
 
 
 def _captured_pages(frontier: Frontier, root: Path) -> Iterator[tuple[str, dict[str, Any] | None]]:

@@ -23,12 +23,11 @@ import pyarrow.compute as pc
 
 from kb.core import clock
 from kb.core.languages import is_language, primary_language, tag
-from kb.core.video_names import possible_ids
 from kb.crawl.file_text import json_value, text_of
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
-from kb.schema.video_facts import NOT_PUBLIC
+from kb.schema.video_facts import NOT_PUBLIC, possible_ids
 from kb.store.rawlog import rawlog
 from kb.store.walk import walk
 from kb.youtube.crawl import player
