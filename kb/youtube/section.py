@@ -2,9 +2,9 @@
 
 import re
 from collections.abc import Iterator
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from kb.core.config.section import (
     FILL_IN,
@@ -15,6 +15,7 @@ from kb.core.config.section import (
     is_everyday,
     repeated_remarks,
 )
+from kb.core.languages import is_language, tag
 
 # The assignable and the older ids of https://developers.google.com/youtube/v3/docs/videoCategories
 _CATEGORIES = frozenset([1, 2, 10, 15, *range(17, 45)])
@@ -23,6 +24,12 @@ _NAMED_CATEGORIES = (
     " 24 Entertainment, 25 News, 26 Howto & Style, 27 Education, 28 Science & Technology"
 )
 _GAME = re.compile(r"UC[\w-]{22}")
+
+
+def _known_language(code: str) -> str:
+    if not is_language(code):
+        raise ValueError(f"{code!r} is no code of a language, such as en, pt-BR or zh-Hant")
+    return tag(code)
 
 
 class YouTubeSection(SourceSection):
@@ -76,8 +83,11 @@ class YouTubeSection(SourceSection):
     transcripts: Literal["required", "optional"] = Field(
         "required", description="whether a video without transcript is kept"
     )
-    language: str = Field(
-        "en", pattern=r"^[a-z]{2,3}$", description="language of the transcripts", examples=["en"]
+    language: Annotated[str, AfterValidator(_known_language)] = Field(
+        "en",
+        description="language of the transcripts; with a region, such as pt-BR, its tracks come"
+        " before those of others",
+        examples=["en"],
     )
     translate: bool = Field(
         True, description="use YouTube's translation if there is no transcript in the language"

@@ -22,7 +22,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core import clock
-from kb.core.languages import is_language, primary_language, tag
+from kb.core.languages import code_of, is_language, primary_language
 from kb.crawl.file_text import json_value, text_of
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
@@ -39,7 +39,7 @@ VIDEO_ID = re.compile(r"[A-Za-z0-9_-]{11}")
 
 # Behind the language YouTube's id of a track with a name may stand.
 _SUBTITLES = re.compile(
-    r"(?P<stem>.+)\.(?P<language>[a-z]{2,3}(?:-[a-z0-9_-]+|_[a-z]{2}|_[a-z]{4})?)"
+    r"(?P<stem>.+)\.(?P<language>[a-z]{2,3}(?:-[a-z0-9_-]+|_[a-z]{2}|_[a-z]{4})?|[a-z]{4,})"
     r"\.(?P<format>vtt|srv3|json3|srt)",
     re.IGNORECASE,
 )
@@ -67,13 +67,17 @@ class SubtitleName(NamedTuple):
 
 
 def subtitle_name(name: str) -> SubtitleName | None:
-    """`TITLE [ID].en.vtt` in its parts; None for any other name."""
+    """`TITLE [ID].en.vtt` or `TITLE [ID].English.vtt` in its parts; None for any other name."""
     match = _SUBTITLES.fullmatch(name)
-    if match is None or not is_language(primary_language(match["language"])):
+    if match is None:
+        return None
+    language = match["language"]
+    if len(language) > 3 and language.isalpha():  # English
+        language = code_of(language)
+    if not is_language(primary_language(language)):
         return None
     stem, in_brackets, behind = possible_ids(match["stem"])
     video_id = next(filter(VIDEO_ID.fullmatch, (in_brackets, stem)), None)
-    language = match["language"]
     if language.isupper():  # EN, EN-GB
         language = language[:3].lower() + language[3:]
     return SubtitleName(stem, video_id, behind or None, language, match["format"].lower())
@@ -105,7 +109,7 @@ def own_name(path: Path) -> OwnName | None:
     if form not in ("json", "vtt", "srt") or path.name.endswith((INFO, ".live_chat.json")):
         return None
     stem, _, behind = path.stem.rpartition(".")
-    language = tag(behind) if stem and is_language(behind) else None
+    language = code_of(behind) if stem and is_language(code_of(behind)) else None
     stem, in_brackets, behind = possible_ids(_OF_FILM.sub("", stem if language else path.stem))
     folder = path.parent.name
     ids = [*filter(VIDEO_ID.fullmatch, (stem, in_brackets, behind, folder))]

@@ -87,6 +87,8 @@ def _document(text: str) -> Any:
 
 def _whisper(document: Any) -> list[SpokenSegment] | None:
     given = document.get("segments") if isinstance(document, dict) else document
+    if isinstance(given, list):
+        given = [_faster_whisper(segment) for segment in given]
     heard = [_word(word, _seconds, "word") for word in _list(document, "words") if "word" in word]
     if not isinstance(given, list) or (given and not _objects(given)):
         return _cut(heard) if heard else None
@@ -98,6 +100,23 @@ def _whisper(document: Any) -> list[SpokenSegment] | None:
         for word in heard:
             segments[max(bisect_right(starts, word.start) - 1, 0)].words.append(word)
     return segments
+
+
+def _faster_whisper(segment: Any) -> Any:
+    """A segment that json.dump made a list of, as it does with the named tuples of versions before
+    1.1: `id, seek, start, end, text, …`, among them words as `start, end, word, probability`.
+    """
+    match segment:
+        case [_, _, start, end, str(text), *others]:
+            words = [
+                {"start": word[0], "end": word[1], "word": word[2]}
+                for values in others
+                if isinstance(values, list)
+                for word in values
+                if isinstance(word, list) and len(word) == 4
+            ]
+            return {"start": start, "end": end, "text": text, "words": words}
+    return segment
 
 
 def _whisper_cpp(document: Any) -> list[SpokenSegment] | None:

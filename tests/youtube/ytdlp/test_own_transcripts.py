@@ -244,6 +244,8 @@ NAMES = {
     "{id}.swe.srt": False,
     "{id}.zh-Hant.srt": False,
     "a/A title [{id}].es-419.json": False,
+    "A title [{id}].English.json": True,
+    "{id}.german.vtt": False,
 }
 
 
@@ -256,7 +258,7 @@ def test_languages_in_names_are_read_as_languages_and_others_are_named(job: Job)
         write(own, name.format(id=video_id(number)), form())
     summary = job.done("youtube", "import", str(folder), "--own-transcripts", str(own))
     assert (summary["own_transcripts"], summary["left_out_by"]) == (len(NAMES), {})
-    assert summary["other_languages"] == {"sv": 1, "zh-Hant": 1, "es-419": 1}
+    assert summary["other_languages"] == {"sv": 1, "zh-Hant": 1, "es-419": 1, "de": 1}
     key = video_id([*NAMES].index("{id}.swe.srt"))
     assert f"{key}.swe.srt (sv)" in summary["other_language_files"]
     job.done("youtube", "filter")
@@ -268,7 +270,7 @@ def test_languages_in_names_are_read_as_languages_and_others_are_named(job: Job)
 
 def test_subtitles_beside_info_json_say_why_they_are_not_used(job: Job) -> None:
     folder = job.place / "videos"
-    names = ("eng.srt", "swe.srt", "srt", "en_US.srt", "ass")
+    names = ("eng.srt", "swe.srt", "srt", "en_US.srt", "ass", "English.srt")
     for number, name in enumerate(names):
         key = write_video(folder, number, ())
         (folder / f"{key}.{name}").write_text(srt())
@@ -278,4 +280,21 @@ def test_subtitles_beside_info_json_say_why_they_are_not_used(job: Job) -> None:
     assert summary["other_language_files"] == [f"{video_id(1)}.swe.srt (sv)"]
     job.done("youtube", "filter")
     languages = {row["video_id"]: row["language"] for row in job.rows(TRACKS)}
-    assert languages == {video_id(0): "en", video_id(3): "en-US"}
+    assert languages == {video_id(0): "en", video_id(3): "en-US", video_id(5): "en"}
+
+
+@pytest.mark.parametrize("wanted", ["en-GB", "eng-us"])
+def test_tracks_of_the_profiles_region_come_first(job: Job, wanted: str) -> None:
+    folder = job.place / "videos"
+    key = write_video(folder, 1, ())
+    for language in ("en-GB", "en-US"):
+        (folder / f"{key}.{language}.srt").write_text(srt())
+    job.profile(('language = "en"', f'language = "{wanted}"'))
+    job.done("youtube", "import", str(folder))
+    job.done("youtube", "filter")
+    assert [row["language"] for row in job.rows(TRACKS)] == [wanted.replace("eng-us", "en-US")]
+
+
+def test_a_language_that_is_none_is_named(job: Job) -> None:
+    job.profile(('language = "en"', 'language = "english"'))
+    assert "'english' is no code of a language" in job.stopped("youtube", "filter", code=2)

@@ -63,6 +63,21 @@ def openai() -> Any:
     }
 
 
+def faster_whisper_lists() -> Any:
+    """Named tuples of its versions before 1.1, as json.dump writes them."""
+    return [
+        [
+            *(number, 0, start / 1000, (start + LENGTH) / 1000, f" {text}", [50_364, 1042]),
+            *(0.0, -0.2, 1.4, 0.01),
+            [
+                [begin / 1000, end / 1000, f" {word}", 0.9]
+                for begin, end, word in words(start, text)
+            ],
+        ]
+        for number, (start, text) in enumerate(SAID)
+    ]
+
+
 def transformers() -> Any:
     chunks = [
         {"timestamp": [start / 1000, end / 1000], "text": f" {word}"} for start, end, word in EVERY
@@ -193,6 +208,7 @@ FORMS: dict[str, Callable[[], Any]] = {
     "whisper.cpp": whisper_cpp,
     "OpenAI": openai,
     "OpenAI's words alone": lambda: {"words": openai()["words"]},
+    "faster-whisper's lists": faster_whisper_lists,
     "Transformers": transformers,
     "AWS": aws,
     "AWS without segments": lambda: aws(segments=False),

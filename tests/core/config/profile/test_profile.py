@@ -208,7 +208,7 @@ def refuse(folder: Path, old: str, new: str, *fragments: str) -> None:
         (
             "[26]",
             '[26]\nlanguage = "English"',
-            [("'youtube.language' is \"English\": must be: language of the transcripts")],
+            ["'youtube.language'", "'English' is no code of a language"],
         ),
         (
             "[youtube]",
