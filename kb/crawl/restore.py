@@ -106,7 +106,7 @@ class ItemRestore:
         return bool(self.keys)
 
     def check_settings(self, needed: tuple[str, ...]) -> tuple[str, ...]:
-        """As `RestoreJob.check`. Raises ProfileError without the source's section."""
+        """As `RestoreJob.check_settings`. Raises ProfileError without the source's section."""
         if self.wanted:
             self.run.profile.section(self.source.name)
         credential = self.source.credential

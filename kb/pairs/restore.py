@@ -70,7 +70,7 @@ class TextRestore:
         return bool(self.content.folders_of("pairs"))
 
     def check_settings(self, needed: tuple[str, ...]) -> tuple[str, ...]:
-        """As `RestoreJob.check`. Raises ProfileError without [pairs], SettingError."""
+        """As `RestoreJob.check_settings`. Raises ProfileError without [pairs], SettingError."""
         if self.wanted:
             self.run.profile.section(Pairs)
         if len(self.content.folders_of("pairs")) > 1:

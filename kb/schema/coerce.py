@@ -137,7 +137,7 @@ def texts(values: Values, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
         column = _as_array(values, pa.string())
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
         return _each(values, pa.string(), a_text)
-    if not clean and _holds_nul(column):
+    if not clean and pc.any(pc.match_substring(column, "\0")).as_py():
         return _each(values, pa.string(), a_text)
     return column, []
 
@@ -304,10 +304,6 @@ def _cell(value: Any, kind: Type) -> Any:
         return None if value is None else [a_number(entry) for entry in a_list(value)]
     except (ValueError, TypeError, OverflowError):
         return []
-
-
-def _holds_nul(texts: pa.Array[Any]) -> bool:
-    return bool(pc.any(pc.match_substring(texts, "\0")).as_py())
 
 
 def inner(value: Any, *names: str) -> Any:

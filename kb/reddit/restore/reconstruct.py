@@ -403,7 +403,7 @@ class ThreadRestore:
         return bool(self.content.folders_of("reddit"))
 
     def check_settings(self, needed: tuple[str, ...]) -> tuple[str, ...]:
-        """As `RestoreJob.check`. Raises ProfileError without [reddit], MissingCredential."""
+        """As `RestoreJob` says. Raises ProfileError without [reddit], MissingCredential."""
         if self.wanted:
             self.run.profile.section(RedditSection)
             if not self.content.dumps and not self._is_answered():

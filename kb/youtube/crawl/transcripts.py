@@ -77,7 +77,7 @@ class Fetcher:
         return self._opened.attempt(quota.WEB, once, self._profile.max_tries)
 
     def _row(self, request: requests.PreparedRequest) -> Note:
-        """The ledger's row. Raises as `Opened.check`."""
+        """The ledger's row. Raises as `Opened.refuse_blocked`."""
         self._opened.refuse_blocked(quota.WEB)
         path = urlsplit(request.url or "").path
         return self._opened.spend(quota.SITE, _ENDPOINTS.get(path, "web"), 0)

@@ -240,12 +240,9 @@ def _subjects(profile: Profile, other: Profile) -> Iterator[tuple[str, Any, Any]
     for name in SOURCES:
         mine, theirs = getattr(profile, name), getattr(other, name)
         if mine is not None and theirs is not None and mine.subject:
-            about = (getattr(section, mine.subject) for section in (mine, theirs))
-            yield f"{name}.{mine.subject}", *(_folded(value) for value in about)
-
-
-def _folded(value: Any) -> Any:
-    return value.casefold() if isinstance(value, str) else value
+            about = [getattr(section, mine.subject) for section in (mine, theirs)]
+            own, other_own = (v.casefold() if isinstance(v, str) else v for v in about)
+            yield f"{name}.{mine.subject}", own, other_own
 
 
 # -- on which line of a TOML text a key stands; tomllib does not say -----------------------------
