@@ -24,7 +24,7 @@ from tests.wiki import handmade_data as wiki
 
 Row = tuple[str, str, str, str, str, int, "float | None"]
 
-# -- the slow, obvious way to count who speaks of what: word by word, one text after the other ------
+# -- the slow, obvious way to count who speaks of what: word by word, text after text --------------
 
 
 class Hit(NamedTuple):
