@@ -158,13 +158,13 @@ class Comparison:
             " WHERE false"
             for rows, more in zip(scans, (names, ()), strict=True)
         ]
-        owned = "".join(
+        owns = "".join(
             f", CASE WHEN n.key IS NULL THEN o.o{number} END AS o{number}"
             for number in range(len(owners))
         )
         return (
             "SELECT coalesce(n.key, o.key) AS key, CASE WHEN o.key IS NULL THEN 'came' WHEN n.key"
-            f" IS NULL THEN 'went' ELSE 'changed' END AS change{owned} FROM ({sides[0]}) o FULL JOIN"
+            f" IS NULL THEN 'went' ELSE 'changed' END AS change{owns} FROM ({sides[0]}) o FULL JOIN"
             f" ({sides[1]}) n ON o.key = n.key"
             " WHERE o.key IS NULL OR n.key IS NULL OR o.content <> n.content"
         )
