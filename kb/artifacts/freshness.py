@@ -114,14 +114,16 @@ def _lines(path: Path) -> str:
     return " ".join(hashlib.sha256(line.encode()).hexdigest()[:12] for line in kept)
 
 
-def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
+def reasons(
+    run: Run, name: str, stale: Collection[str] = (), catalog: Catalog | None = None
+) -> list[str]:
     """Why an artifact has to be made again, [] where it is current. Of its inputs those in `stale`
-    count as changed. Raises DamagedData.
+    count as changed. `catalog` is that of the root, where it was read already. Raises DamagedData.
     """
     if name == RELEASE:
         return _release_reasons(run, stale)
     artifact, root = ARTIFACTS[name], run.root
-    catalog = Catalog(root.absolute())
+    catalog = catalog or Catalog(root.absolute())
     source = name.removeprefix("index/")
     place = index.home(root, source) if source != name else catalog.workplace
     made = manifest.read(place, name)
@@ -133,7 +135,7 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
     if not made.figures.get("complete", True):
         why.append("not finished")
     reads_texts = source != name or name == "links"
-    find = catalog.texts if reads_texts else partial(exported_files, root)
+    find = catalog.texts if reads_texts else partial(exported_files, catalog)
     for one in artifact.inputs:
         if one in stale:
             why.append(one)
@@ -323,8 +325,9 @@ def plan(run: Run, names: Iterable[str]) -> Reasons:
     Raises DamagedData.
     """
     stale: Reasons = {}
+    catalog = Catalog(run.root.absolute())
     for name in names:
-        if why := reasons(run, name, stale):
+        if why := reasons(run, name, stale, catalog):
             stale[name] = why
     return stale
 
