@@ -81,7 +81,7 @@ def _make_again(run: Run, found: Findings) -> Iterator[str]:
         if foreign is not None:
             yield f"{name} was left: move {foreign} away, then run `kb build`"
     names = [name for name, foreign in damaged.items() if foreign is None]
-    if manifest.read(run.root, RELEASE) is not None and RELEASE not in names:
+    if manifest.read_manifest(run.root, RELEASE) is not None and RELEASE not in names:
         names.append(RELEASE)
     for done in make_outdated(run, freshness.plan(run, names)):
         if done.outcome == STOPPED and done.error is not None:  # a full disk, a signal

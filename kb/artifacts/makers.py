@@ -30,8 +30,8 @@ from kb.core.errors import (
 )
 from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
-from kb.store import damage_note
 from kb.store.artifact_registry import ARTIFACTS, CHUNKS, RELEASE, exports_in
+from kb.store.damage import forget_damage, note_damage
 
 _NONE: Mapping[str, Any] = {}
 MADE, UNCHANGED, FAILED, LEFT_OUT = "made", "unchanged", "failed", "left out"
@@ -114,16 +114,16 @@ def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None)
     try:
         summary: Summary = make(run, *maker.arguments, **given)
     except DamagedData as error:
-        damage_note.add(run.root, error.paths)
+        note_damage(run.root, error.paths)
         raise
     if name != RELEASE:  # which describes the folders of other artifacts
-        damage_note.forget(run.root, ARTIFACTS[name].folder(run.root))
+        forget_damage(run.root, ARTIFACTS[name].folder(run.root))
     return summary
 
 
 def recorded_options(root: Path, name: str) -> dict[str, Any]:
     """The options with which an export was made; none for one that was not. Raises DamagedData."""
-    made = manifest.read(root, name) if name.startswith("export/") else None
+    made = manifest.read_manifest(root, name) if name.startswith("export/") else None
     options = dict(made.figures) if made is not None else {}
     if "tokenizer" in options and not Path(options["tokenizer"]).is_file():
         del options["tokenizer"]  # then words are counted
@@ -177,7 +177,7 @@ def make_outdated(run: Run, outdated: Reasons) -> Iterator[Outcome]:
         yield outcome
         if outcome.outcome == STOPPED:
             break
-    if left_out := [one.artifact for one in lost.values() if one.cause]:
+    if left_out := [outcome.artifact for outcome in lost.values() if outcome.cause]:
         run.progress.say(f"left out, as what they are made of failed: {', '.join(left_out)}")
 
 
@@ -188,9 +188,9 @@ def _made(
     lost: Mapping[str, Outcome],
     blocked: Mapping[str, KbError],
 ) -> Outcome:
-    for one in ARTIFACTS[name].inputs:
-        if one in lost:
-            return Outcome(name, why, LEFT_OUT, lost[one].error, lost[one].cause or one)
+    for source in ARTIFACTS[name].inputs:
+        if source in lost:
+            return Outcome(name, why, LEFT_OUT, lost[source].error, lost[source].cause or source)
     try:
         if not freshness.reasons(run, name):
             return Outcome(name, why, UNCHANGED)

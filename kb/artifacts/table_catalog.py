@@ -67,13 +67,13 @@ class View(NamedTuple):
         """Whether the rows are removed keys, which `read_tombstones` reads from a file."""
         return bool(self.files) and self.files[0].stem == "tombstones"
 
-    def check(self, advance: Callable[[int], None] | None = None) -> None:
+    def verify_files(self, advance: Callable[[int], None] | None = None) -> None:
         """Raises DamagedData for bytes, columns or numbers that are not what they should be. Call
         it before rows are read. `advance` is called with the number of bytes read.
         """
         if self.remote is not None:
-            self.remote.check()
-        parquet.check(*self.files, advance=advance)
+            self.remote.verify_footers()
+        parquet.verify_files(*self.files, advance=advance)
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,9 @@ class Catalog:
         own = tuple(release_folder.releases_below(Layout(self.path).release()))
         left_out = TOP if is_root(self.path) else ("release",)
         releases = (
-            one for one in release_folder.releases_below(self.path) if one.path.name not in left_out
+            release
+            for release in release_folder.releases_below(self.path)
+            if release.path.name not in left_out
         )
         return own or tuple(releases)
 
@@ -122,10 +124,10 @@ class Catalog:
         views += _links(self.path, self.workplace, self.releases)
         return tuple(views)
 
-    def check(self) -> None:
+    def require_tables(self) -> None:
         """Raises DamagedData for a table's file that should be there and is not."""
         for folder in self.releases:
-            folder.check()
+            folder.require_tables()
         if is_root(self.path):
             for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "labels"):
                 manifest.check_complete(self.path, name)
@@ -193,13 +195,13 @@ class Catalog:
         return []
 
 
-def read(path: Path) -> Catalog:
+def read_catalog(path: Path) -> Catalog:
     """What a folder holds. Raises SettingError for a folder that does not exist, FatalError for one
     without tables, DamagedData for a table's file that is missing.
     """
     there = existing(path)
     catalog = Catalog(there)
-    catalog.check()
+    catalog.require_tables()
     if not catalog.views:
         raise empty(there)
     return catalog
@@ -282,10 +284,10 @@ def nearest(path: Path) -> Path | None:
     """
     if path.is_dir():
         below = folders_in(path)
-        below += [inner for one in below for inner in folders_in(one)]
+        below += [inner for folder in below for inner in folders_in(folder)]
         inside, above = filter(_holds_something, below), filter(is_root, path.parents[:2])
         return next(inside, None) or next(above, None)
-    beside = {one.name: one for one in folders_in(path.parent)}
+    beside = {folder.name: folder for folder in folders_in(path.parent)}
     alike = (beside[name] for name in similar(path.name, beside))
     return next(filter(_holds_something, alike), None)
 
@@ -406,7 +408,7 @@ def _links(root: Path, work: Path, releases: Iterable[ReleaseFolder]) -> Iterato
     """
     shards: dict[str, list[Path]] = {}
     made = [(parquet_files(Layout(work).links), root)] if is_root(root) or work != root else []
-    released = [(one.data, one.path) for one in releases]
+    released = [(release.data, release.path) for release in releases]
     for paths, home in [*made, *released] if is_root(root) else [*released, *made]:
         for path in paths:
             named = _SHARD.fullmatch(path.name)

@@ -46,12 +46,12 @@ def changed(root: Path, name: str) -> list[str]:
     """The sources whose texts differ from those that the artifact was made from, where an older
     version has not noted them: none. Raises DamagedData.
     """
-    known = manifest.read(Catalog(root.absolute()).workplace, name)
+    known = manifest.read_manifest(Catalog(root.absolute()).workplace, name)
     if known is None or not known.inputs:
         return []
     now = inputs(root, name)
     return [
-        one.partition("/")[2]
-        for one in now
-        if one.startswith("clean/") and now[one] != known.inputs.get(one)
+        name.partition("/")[2]
+        for name in now
+        if name.startswith("clean/") and now[name] != known.inputs.get(name)
     ]

@@ -53,7 +53,7 @@ class Stop:
                 return True
         return self._event.wait(max(left, 0))
 
-    def check(self) -> None:
+    def raise_if_asked(self) -> None:
         """Raise Interrupted when the run was asked to end."""
         if self.requested():
             raise Interrupted(f"stopped by {self.name}", hint="run the same command to resume")

@@ -49,10 +49,10 @@ def json_list(path: Path) -> Iterator[Callable[[Any], None]]:
         file.write("[")
         comma = "\n"
 
-        def add(item: Any) -> None:
+        def add_item(item: Any) -> None:
             nonlocal comma
             file.write(comma + json.dumps(item))
             comma = ",\n"
 
-        yield add
+        yield add_item
         file.write("\n]\n")

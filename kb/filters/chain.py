@@ -29,7 +29,7 @@ _LONGEST = 1000  # characters of a description
 class Scorer(Protocol):
     """Scores of texts, stored apart from the rows (kb.annotate.toxicity)."""
 
-    def check(self, run: Run, source: str) -> str:
+    def model_key(self, run: Run, source: str) -> str:
         """A key that stands for the model in workers; "" when the profile scores nothing.
 
         Raises exit 2.

@@ -52,7 +52,7 @@ def export(
         raise UsageError(
             f"--out {out} exists and is not a labelling project", hint="name a new folder"
         )
-    catalog = table_catalog.read(run.root)
+    catalog = table_catalog.read_catalog(run.root)
     files = catalog.files(labeling.table)
     if not files:
         raise FatalError(
@@ -86,7 +86,7 @@ def _drawn(
     spill: Path | None, files: list[Path], labeling: Labeling, sample: int, seed: int, where: str
 ) -> list[dict[str, Any]]:
     """Rows of the sample, each with `item_id`, `stratum` and `weight`."""
-    parquet.check(*files)
+    parquet.verify_files(*files)
     with reading(files), database.connect(spill) as con:
         drawn = con.sql(
             f"""

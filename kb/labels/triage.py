@@ -122,5 +122,5 @@ def _line(stream: TextIO) -> str:
 
 def _byte(number: int) -> bytes:
     while not select.select([number], [], [], _WAIT_S)[0]:
-        signals.stop.check()
+        signals.stop.raise_if_asked()
     return os.read(number, 1)

@@ -246,7 +246,7 @@ def step(span: float, most: float, of: Sequence[float] = ()) -> float:
     if not of or least > of[-1]:
         power = 10.0 ** math.floor(math.log10(least)) if least > 0 else 1.0
         of = [power * times for times in (1, 2, 5, 10)]
-    return next((one for one in of if one >= least * (1 - 1e-9)), of[-1])
+    return next((step for step in of if step >= least * (1 - 1e-9)), of[-1])
 
 
 def even(low: float, high: float, bins: int = 30, steps: Sequence[float] = ()) -> list[float]:
@@ -334,7 +334,7 @@ def inline(figure: Figure) -> Markup:
 
 
 def _attributes(style: str) -> str:
-    pairs = (one.split(": ", 1) for one in style.split("; ") if ": " in one)
+    pairs = (rule.split(": ", 1) for rule in style.split("; ") if ": " in rule)
     return "".join(
         f' {name}="{f"var(--{known})" if (known := _VARIABLES.get(value)) else value}"'
         for name, value in pairs

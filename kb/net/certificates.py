@@ -17,7 +17,7 @@ def authorities() -> tuple[str, str]:
     """(variable, path of a file in PEM or of a folder as OpenSSL has them), ("", "") where none is
     named. Raises SettingError for one that can't be read or has no certificate.
     """
-    name = next((one for one in VARIABLES if os.environ.get(one)), "")
+    name = next((variable for variable in VARIABLES if os.environ.get(variable)), "")
     path = os.environ.get(name, "")
     if path and not Path(path).is_dir():
         try:

@@ -225,7 +225,7 @@ class Comparison:
 
 def _form_of(source: str, side: Mapping[str, View], other: Mapping[str, View]) -> str:
     """The schema in which a side's tables of a source are compared, "" where it has none."""
-    names = {view_name(one) for one in tables().values() if one.source == source}
+    names = {view_name(table) for table in tables().values() if table.source == source}
     mine, theirs = (
         [form for form in FORMS if any(f"{form}.{name}" in views for name in names)]
         for views in (side, other)
@@ -244,7 +244,7 @@ def _owners(declared: Table) -> list[Owner]:
                 key = f"'{prefix}' || {_quoted(column)}::VARCHAR"
                 is_itself = declared.name == f"{source.name}/{short}"
                 owners.append((not is_itself, short == source.main, Owner(source.name, key)))
-    return [owner for *_, owner in sorted(owners, key=lambda one: one[:2])]
+    return [owner for *_, owner in sorted(owners, key=lambda ranked: ranked[:2])]
 
 
 def _quoted(name: str) -> str:

@@ -164,7 +164,7 @@ def _cell(value: object, among_numbers: bool = False) -> Markup:
 
 PAGE = "index.html"
 
-SHOWN = [one for one in PUBLISHED.values() if one.shown]
+SHOWN = [shown for shown in PUBLISHED.values() if shown.shown]
 
 
 def check_extra() -> None:
@@ -213,19 +213,27 @@ def _fresh(run: Run) -> Iterator[Path]:
 
 def _report(run: Run, published: Mapping[str, Drawn], out: Path | None) -> Summary:
     with ReportData(run) as data:
-        there = [one for one in SHOWN if any(data.count(name) for name in one.shown)]
-        if not any(data.files(name) for one in SHOWN for name in one.shown):
+        there = [
+            publication
+            for publication in SHOWN
+            if any(data.count(name) for name in publication.shown)
+        ]
+        if not any(data.files(name) for publication in SHOWN for name in publication.shown):
             raise empty(run.root)
-        wanted = [one for one in SHOWN if one in there or _configured(run.profile, one.name)]
+        wanted = [
+            publication
+            for publication in SHOWN
+            if publication in there or _configured(run.profile, publication.name)
+        ]
         sections = [
-            *(_section(run, data, published[one.name]) for one in wanted),
+            *(_section(run, data, published[publication.name]) for publication in wanted),
             _services(run, data),
         ]
         totals = [
             (what, n)
-            for one in there
-            for what, name, count in one.totals
-            or [(name.partition("/")[2], name, "count(*)") for name in one.shown]
+            for publication in there
+            for what, name, count in publication.totals
+            or [(name.partition("/")[2], name, "count(*)") for name in publication.shown]
             if (n := data.total(name, count)) is not None
         ]
         notes = _notes(run)
@@ -318,7 +326,7 @@ def _drawn(run: Run, data: ReportData, name: str, makers: Sequence[FigureMaker])
     figures: list[Figure] = []
     with run.progress.task(f"report {name}", total=len(makers), unit="figures") as task:
         for make in makers:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             with applied():
                 made = make(data, run.profile)
             if made is not None:

@@ -59,7 +59,7 @@ class ReportData:
         if not files:
             return []
         with reading(files):
-            parquet.check(*files)
+            parquet.verify_files(*files)
             rows = self._filled(name, files)
             return self.con.execute(sql.replace("{t}", rows), list(values)).fetchall()
 

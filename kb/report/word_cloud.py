@@ -26,7 +26,7 @@ def words(
     for table, columns in tables.items():
         # Enough of each, so that the most frequent ones of all are among them.
         sums.update(dict(data.words(table, columns, stop, 4 * profile.report.cloud_words)))
-    ranked = sorted(sums.items(), key=lambda one: (-one[1], one[0]))
+    ranked = sorted(sums.items(), key=lambda counted: (-counted[1], counted[0]))
     counts = ranked[: profile.report.cloud_words]
     if len(counts) < 5:
         return None

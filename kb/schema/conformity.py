@@ -64,7 +64,7 @@ def _outside(kind: Type, values: Any, allowed: tuple[float, float] | None) -> st
         return _YEARS if _beyond(values.cast(pa.int64()), _TIMES) else ""
     if kind.text in ("string", "bool") or kind.fields or allowed is None:
         return ""
-    low, high = (int(one) if one.is_integer() else one for one in allowed)
+    low, high = (int(bound) if bound.is_integer() else bound for bound in allowed)
     first = _beyond(values, (low, high))
     return f"{first[0]:,}, which is not from {low:,} to {high:,}" if first else ""
 
@@ -82,7 +82,7 @@ def _beyond(values: Any, allowed: tuple[float, float]) -> list[Any]:
 def _has_times(kind: Type) -> bool:
     if kind.item is not None:
         return _has_times(kind.item)
-    inner = any(_has_times(one) for _, one in kind.fields)
+    inner = any(_has_times(field) for _, field in kind.fields)
     return inner or kind.text == "date" or kind.text.startswith("timestamp")
 
 

@@ -230,7 +230,7 @@ _THREADS = 2  # on any machine, so that the memory is the same
 _AT_ONCE = 4_096  # passages between two reports of progress
 
 
-def write(
+def write_index(
     folder: Path,
     language: str,
     passages: Iterable[Passage],

@@ -12,7 +12,7 @@ from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.links import texts
 from kb.links.build import Own, aliases, own_pages
-from kb.pairs.keywords import Keyword, Keywords, load, make
+from kb.pairs.keywords import Keyword, Keywords, load, make_keywords
 from kb.schema import table
 from kb.schema.wiki_page import PageNames
 from kb.wiki.parse.answers import named_pages
@@ -87,7 +87,7 @@ LISTED = [
 
 
 def test_a_form_is_the_alias_of_one_entity_only() -> None:
-    keywords = make(LISTED, exclude=["canis"])
+    keywords = make_keywords(LISTED, exclude=["canis"])
     found = dict(zip([one.name for one in keywords.every], aliases(keywords), strict=True))
     assert found["Wolf"] == ["hound", "hounds", "wolves"]
     assert found["Dog"] == ["dogs"]
@@ -123,7 +123,7 @@ def test_links_need_clean_tables(tmp_path: Path) -> None:
 def test_an_entity_s_page_by_title_or_redirect(
     pages: dict[int, str], names: dict[str, tuple[str, ...]], wanted: dict[str, tuple[Any, ...]]
 ) -> None:
-    keywords = make(LISTED)
+    keywords = make_keywords(LISTED)
     called = {title: PageNames(title, redirects) for title, redirects in names.items()}
     for order in (1, -1):
         found = own_pages(keywords, list(pages.items())[::order], called)

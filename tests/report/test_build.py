@@ -151,7 +151,7 @@ def test_a_demo_and_scores_of_the_tiny_model_are_marked(
     assert "invented" not in page
     shutil.copytree(root / "clean", tmp_path / "clean")
     (tmp_path / "clean" / "wiki" / "summary.json").write_text('{"model": "lorecrawl_tiny"}')
-    demo_mark.write(tmp_path, finished=True)
+    demo_mark.write_mark(tmp_path, finished=True)
     report(a_run(tmp_path))
     page = (tmp_path / "report" / "index.html").read_text()
     assert "tiny model" in page

@@ -176,7 +176,11 @@ def _about(file: pq.ParquetFile) -> bytes:
     """The metadata of a Parquet file: of itself, its table and its columns."""
     schema = file.schema_arrow
     lines = [name.encode() for name in (*schema.names, str(file.metadata.created_by))]
-    for metadata in (file.metadata.metadata, schema.metadata, *(one.metadata for one in schema)):
+    for metadata in (
+        file.metadata.metadata,
+        schema.metadata,
+        *(field.metadata for field in schema),
+    ):
         for key, value in (metadata or {}).items():
             if key != b"ARROW:schema":  # the schema once more
                 lines.append(key + b"=" + value)

@@ -16,9 +16,8 @@ from typing import BinaryIO, NamedTuple
 
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
-from kb.store import damage_note
 from kb.store.atomic import followed, write_bytes, writing
-from kb.store.damage import open_file
+from kb.store.damage import note_damage, noted_damage, open_file
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
@@ -27,7 +26,7 @@ from kb.store.tables import reading
 
 Apply = Callable[[Frontier, str, Envelope], None]
 """Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
-_IMPORTED = {kind: hint for one in SOURCES.values() for kind, hint in one.imported.items()}
+_IMPORTED = {kind: hint for source in SOURCES.values() for kind, hint in source.imported.items()}
 _NAMED = 3  # items that a message names
 _CHUNK = 1 << 16
 
@@ -72,13 +71,13 @@ def note(root: Path, source: str, error: DamagedData, hint: str) -> None:
         if path.parent.parent.resolve() == base and gaps(path, path.stat().st_size)
     ]
     if damaged:
-        damage_note.add(root, damaged)
+        note_damage(root, damaged)
         error.hint = hint
 
 
 def noted_segments(root: Path, source: str) -> list[Path]:
     """The segments that commands noted as damaged."""
-    noted = damage_note.paths(root, Layout(root).raw(source))
+    noted = noted_damage(root, Layout(root).raw(source))
     return [path for path in noted if path.name.endswith((rawlog.SUFFIX, rawlog.OPEN))]
 
 
@@ -132,7 +131,7 @@ def set_aside(lost: Sequence[LostRange]) -> list[LostRange]:
     return named
 
 
-def check(root: Path, source: str) -> None:
+def refuse_lost_answers(root: Path, source: str) -> None:
     """Raises DamagedData when raw answers are lost that were not asked for again. Reads only.
 
     Raises DiskFull where there is no room for SQLite to read.
