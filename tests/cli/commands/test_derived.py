@@ -24,7 +24,6 @@ from tests.links import made
 from tests.links.conftest import run  # noqa: F401  a fixture
 from tests.recipes import release
 from tests.release.made import build
-from tests.report.conftest import no_pdf  # noqa: F401  a fixture
 from tests.youtube.job import Job
 
 
@@ -64,18 +63,27 @@ def test_the_release_has_ids_and_counts(run: Run, here: Here) -> None:  # noqa: 
     assert here("release", *at).code == 1
 
 
-@pytest.mark.usefixtures("no_pdf")
-def test_command_prints_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pdfs_are_made_when_asked_for_and_repeated_by_a_build(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     from kb.cli import main
 
     (tmp_path / "state").mkdir()
     build(tmp_path, sources=("pairs",), export=False, n=10)
-    with pytest.raises(SystemExit) as left:
-        main(["report", "--data", str(tmp_path), "--json", "--quiet"])
-    assert not left.value.code
-    summary = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert summary["figures"] == 3
-    assert Path(summary["page"]).is_file()
+    for words, suffixes in (
+        (("report",), {"svg", "png"}),
+        (("report", "--figures"), {"svg", "png", "pdf"}),
+        (("build", "report"), {"svg", "png", "pdf"}),
+    ):
+        for page in tmp_path.glob("report/index.html"):
+            page.unlink()
+        with pytest.raises(SystemExit) as left:
+            main([*words, "--data", str(tmp_path), "--json", "--quiet"])
+        assert not left.value.code
+        summary = json.loads(capsys.readouterr().out.splitlines()[-1])
+        assert words[0] == "build" or summary["figures"] == 3
+        made = [path for path in (tmp_path / "report").iterdir() if path.suffix != ".json"]
+        assert {path.suffix[1:] for path in made} == {"html", *suffixes}
 
 
 needs("torch", "detoxify")
