@@ -73,7 +73,7 @@ def obstacles(run: Run, outdated: Iterable[str]) -> list[Obstacle]:
     """What stands in the way of making these artifacts, each thing once: a recipe that may not run,
     a model, an extra, a wrong setting. A recipe says by `<function>_needs` what a function needs.
     """
-    found: dict[str, Obstacle] = {}
+    obstacles: dict[str, Obstacle] = {}
     for name in outdated:
         maker = ARTIFACTS[name].maker
         try:
@@ -84,8 +84,8 @@ def obstacles(run: Run, outdated: Iterable[str]) -> list[Obstacle]:
                 if needs is not None:
                     needs(run, *maker.arguments)
         except UsageError as error:
-            found.setdefault(str(error), Obstacle(error, [])).artifacts.append(name)
-    return list(found.values())
+            obstacles.setdefault(str(error), Obstacle(error, [])).artifacts.append(name)
+    return list(obstacles.values())
 
 
 def made_of_these(names: Iterable[str], outdated: Iterable[str]) -> set[str]:

@@ -274,9 +274,9 @@ def _as_before(run: Run, source: str, step: str) -> dict[str, Any]:
     if step.endswith(" import"):
         spans = {name: given.pop(name)[0] for name in ("since", "until") if given.get(name)}
         paths = {name: [Path(text) for text in texts] for name, texts in given.items() if texts}
-        if gone := [path for some in paths.values() for path in some if not path.exists()]:
+        if missing := [path for some in paths.values() for path in some if not path.exists()]:
             raise FatalError(
-                f"{gone[0]}, which was imported before, is gone",
+                f"{missing[0]}, which was imported before, is gone",
                 hint=f"restore it, or run `kb {source} crawl`, which asks the service",
             )
         return {**paths, **spans}
