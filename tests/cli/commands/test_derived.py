@@ -10,6 +10,7 @@ import pytest
 
 import kb
 from kb.annotate.toxicity import ToxicityScorer
+from kb.artifacts.makers import make_artifact
 from kb.core.context import Run
 from kb.filters.filter_run import run_clean, texts
 from kb.release.metadata.measure import models
@@ -24,6 +25,7 @@ from tests.links import made
 from tests.links.conftest import run  # noqa: F401  a fixture
 from tests.recipes import release
 from tests.release.made import build
+from tests.report.made import a_run
 from tests.youtube.job import Job
 
 
@@ -70,20 +72,15 @@ def test_pdfs_are_made_when_asked_for_and_repeated_by_a_build(
 
     (tmp_path / "state").mkdir()
     build(tmp_path, sources=("pairs",), export=False, n=10)
-    for words, suffixes in (
-        (("report",), {"svg", "png"}),
-        (("report", "--figures"), {"svg", "png", "pdf"}),
-        (("build", "report"), {"svg", "png", "pdf"}),
-    ):
-        for page in tmp_path.glob("report/index.html"):
-            page.unlink()
+    made = tmp_path / "report"
+    for words, suffixes in (([], {".svg", ".png"}), (["--figures"], {".svg", ".png", ".pdf"})):
         with pytest.raises(SystemExit) as left:
-            main([*words, "--data", str(tmp_path), "--json", "--quiet"])
+            main(["report", *words, "--data", str(tmp_path), "--json", "--quiet"])
         assert not left.value.code
-        summary = json.loads(capsys.readouterr().out.splitlines()[-1])
-        assert words[0] == "build" or summary["figures"] == 3
-        made = [path for path in (tmp_path / "report").iterdir() if path.suffix != ".json"]
-        assert {path.suffix[1:] for path in made} == {"html", *suffixes}
+        assert json.loads(capsys.readouterr().out.splitlines()[-1])["figures"] == 3
+        assert {path.suffix for path in made.iterdir()} == {".html", ".json", *suffixes}
+    make_artifact(a_run(tmp_path), "report")
+    assert {path.suffix for path in made.iterdir()} == {".html", ".json", *suffixes}
 
 
 needs("torch", "detoxify")
