@@ -116,14 +116,16 @@ def _lines(path: Path) -> str:
     return " ".join(hashlib.sha256(line.encode()).hexdigest()[:12] for line in kept)
 
 
-def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
+def reasons(
+    run: Run, name: str, stale: Collection[str] = (), catalog: Catalog | None = None
+) -> list[str]:
     """Why an artifact has to be made again, [] where it is current. Of its inputs those in `stale`
-    count as changed. Raises DamagedData.
+    count as changed. `catalog` is that of the root, where it was read already. Raises DamagedData.
     """
     if name == RELEASE:
         return _release_reasons(run, stale)
     artifact, root = ARTIFACTS[name], run.root
-    catalog = Catalog(root.absolute())
+    catalog = catalog or Catalog(root.absolute())
     source = name.removeprefix("index/")
     place = index.home(root, source) if source != name else catalog.workplace
     made = manifest.read_manifest(place, name)
@@ -135,12 +137,12 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
     if not made.figures.get("complete", True):
         why.append("not finished")
     reads_texts = source != name or name == "links"
-    find = catalog.texts if reads_texts else partial(exported_files, root)
-    for source in artifact.inputs:
-        if source in stale:
-            why.append(source)
-        elif manifest.input_digest(root, name, source, find) != made.inputs.get(source):
-            why.append("/".join(source.split("/")[:2]))
+    find = catalog.texts if reads_texts else partial(exported_files, catalog)
+    for above in artifact.inputs:
+        if above in stale:
+            why.append(above)
+        elif manifest.input_digest(root, name, above, find) != made.inputs.get(above):
+            why.append("/".join(above.split("/")[:2]))
     changed = changes(made, _settings_now(run, name, made))
     return [*dict.fromkeys(why), *_unrecorded(made), *changed]
 
@@ -325,8 +327,9 @@ def plan(run: Run, names: Iterable[str]) -> Reasons:
     Raises DamagedData.
     """
     stale: Reasons = {}
+    catalog = Catalog(run.root.absolute())
     for name in names:
-        if why := reasons(run, name, stale):
+        if why := reasons(run, name, stale, catalog):
             stale[name] = why
     return stale
 

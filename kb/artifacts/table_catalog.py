@@ -333,14 +333,15 @@ def _clean(root: Path) -> Iterator[View]:
         if declared.source in (*PUBLISHED, "labels") and declared.source != "links":
             name, place = view_name(declared), at.table(declared.name)
             pattern = rows_pattern(declared.name)
-            yield from _view("clean", name, place, pattern, declared.doc, root)
+            yield from _view("clean", name, place, pattern, declared.doc, root, links=True)
     for source in PUBLISHED:
         for verdict in VERDICTS:
             place, doc = at.clean(source, verdict), table(f"shared/{verdict}").doc
-            yield from _view("clean", f"{source}_{verdict}", place, "*.parquet", doc, root)
+            name = f"{source}_{verdict}"
+            yield from _view("clean", name, place, "*.parquet", doc, root, links=True)
         doc = table("shared/tombstones").doc
-        place = at.tombstones(source)
-        yield from _view("clean", f"{source}_tombstones", place.parent, place.name, doc, root)
+        place, name = at.tombstones(source), tombstones_view(source)
+        yield from _view("clean", name, place.parent, place.name, doc, root, links=True)
 
 
 def _released(folders: Iterable[ReleaseFolder]) -> list[View]:
@@ -370,21 +371,21 @@ def check_once(views: dict[str, View], view: View) -> None:
 
 def _restored(root: Path) -> Iterator[View]:
     """What `kb restore` and a reconstruction brought back."""
-    at = Layout(root)
-    reconstructed = list(_reconstructed(root))
+    at, links = Layout(root), is_root(root)
+    reconstructed = list(_reconstructed(root, links))
     listed = {view.name for view in reconstructed}
     for declared in tables().values():
         name, place = view_name(declared), at.restored(declared.source, declared.short)
         if declared.source in SOURCES and name not in listed:
-            yield from _view("restored", name, place, "*.parquet", declared.doc, root)
+            yield from _view("restored", name, place, "*.parquet", declared.doc, root, links)
     yield from reconstructed
     doc = table("pairs/pairs").doc
-    yield from _view("restored", "pairs", at.restored("pairs"), "*.parquet", doc, root)
+    yield from _view("restored", "pairs", at.restored("pairs"), "*.parquet", doc, root, links)
     doc = table("shared/missing").doc
-    yield from _view("restored", "missing", at.restored(), "missing.parquet", doc, root)
+    yield from _view("restored", "missing", at.restored(), "missing.parquet", doc, root, links)
 
 
-def _reconstructed(root: Path) -> Iterator[View]:
+def _reconstructed(root: Path, links: bool) -> Iterator[View]:
     """Posts and comments: restored, or of a reconstruction in its usual place, or `root` is its
     `--out` itself.
     """
@@ -394,9 +395,10 @@ def _reconstructed(root: Path) -> Iterator[View]:
             continue
         for short in ("posts", "comments"):
             doc = table(f"reddit/{short}").doc
-            yield from _view("restored", f"reddit_{short}", place / short, "*.parquet", doc, root)
+            name, rows = f"reddit_{short}", place / short
+            yield from _view("restored", name, rows, "*.parquet", doc, root, links)
         doc = table("reddit/missing").doc
-        yield from _view("restored", "reddit_missing", place, "missing.parquet", doc, root)
+        yield from _view("restored", "reddit_missing", place, "missing.parquet", doc, root, links)
         return
 
 
@@ -419,10 +421,10 @@ def _links(root: Path, work: Path, releases: Iterable[ReleaseFolder]) -> Iterato
 
 
 def _view(
-    schema: str, name: str, folder: Path, pattern: str, doc: str, home: Path
+    schema: str, name: str, folder: Path, pattern: str, doc: str, home: Path, links: bool
 ) -> Iterator[View]:
     files = parquet_files(folder, pattern)
-    if not is_root(home):  # no checksums describe what links in a stranger's folder lead to
+    if not links:  # no checksums describe what links in a stranger's folder lead to
         files = [path for path in files if not path.is_symlink()]
     if files:
         yield View(schema, name, files, doc, home)

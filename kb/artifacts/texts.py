@@ -26,16 +26,15 @@ def is_restored(root: Path, source: str) -> bool:
     return Catalog(root.absolute()).schema_of(source) == "restored"
 
 
-def exported_files(root: Path, name: str) -> list[Path]:
+def exported_files(catalog: Catalog, name: str) -> list[Path]:
     """The files of a table that exports read: clean ones, else restored ones; of a download
     released ones that hold texts. Raises DamagedData for a lost file.
     """
-    catalog = Catalog(root.absolute())
     if catalog.is_download:
         return catalog.texts(name)
-    if is_restored(root, name.partition("/")[0]):
+    if catalog.schema_of(name.partition("/")[0]) == "restored":
         return catalog.files(name)
-    return manifest.rows(root, name)
+    return manifest.rows(catalog.path, name)
 
 
 def inputs(root: Path, name: str) -> dict[str, str]:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import pyarrow as pa
 
 from kb.artifacts import domain_binding, freshness, manifest
+from kb.artifacts.table_catalog import Catalog
 from kb.artifacts.texts import exported_files
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -50,7 +51,7 @@ def export(run: Run, published: Exported, layout: str = "parquet", **options: An
     places = exports_in(layout, name, options)
     owners = filter(None, (name, PUBLISHED[name].part_of))
     with domain_binding.writing(run, *(f"release-{owner}" for owner in owners)):
-        find = partial(exported_files, run.root)
+        find = partial(exported_files, Catalog(run.root.absolute()))
         inputs = {artifact: manifest.inputs(run.root, artifact, find) for artifact in places}
         for artifact in places:  # until it is written, nothing is known of it
             ARTIFACTS[artifact].manifest(run.root).unlink(missing_ok=True)

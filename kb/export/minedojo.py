@@ -211,7 +211,8 @@ def wiki(run: Run, out: Path | None = None) -> Summary:
 
 def _home(root: Path) -> Path:
     """Where the paths of rows start from: the data root, or the release folder of a download."""
-    return exported_files(root, "wiki/pages")[0].parent if Catalog(root).is_download else root
+    catalog = Catalog(root.absolute())
+    return exported_files(catalog, "wiki/pages")[0].parent if catalog.is_download else root
 
 
 def _by_page(run: Run, name: str, order: Sequence[str], columns: Sequence[str]) -> RowsByKey:

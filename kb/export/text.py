@@ -122,7 +122,8 @@ def export(run: Run, of: DocumentSource, out: Path | None = None, **asked: Any) 
         _tokenizer(options.tokenizer)
     source = of.declared.name
     main, *others = (f"{source}/{short}" for short in of.declared.textual)
-    files = {name: exported_files(run.root, name) for name in (main, *others)}
+    catalog = Catalog(run.root.absolute())
+    files = {name: exported_files(catalog, name) for name in (main, *others)}
     parts, every = files[main], [path for some in files.values() for path in some]
     if not every:
         clean = ARTIFACTS[f"clean/{source}"]
@@ -145,8 +146,7 @@ def export(run: Run, of: DocumentSource, out: Path | None = None, **asked: Any) 
     ):
         # Shards of a release are cut by size: all are read together.
         together = {name: [*map(str, paths)] for name, paths in files.items()}
-        download = Catalog(run.root.absolute()).is_download
-        buckets = [together] if download else _buckets(files, main)
+        buckets = [together] if catalog.is_download else _buckets(files, main)
         tasks = ((of, bucket, origin, options) for bucket in buckets)
         for lines, counted in map_in_order(executor, _lines, tasks, executor.window):
             file.write(lines)
