@@ -102,6 +102,25 @@ class JudgeDesk:
     judge: Judge
     videos: tuple[Path, ...] = ()
     token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
+    _known: dict[tuple[str, str], tuple[DescribedVideo, str, str]] = field(default_factory=dict)
+
+    def surroundings_of(
+        self, labeling: Labeling, row: dict[str, Any]
+    ) -> tuple[DescribedVideo, str, str]:
+        """The video of an item, and what is said before and after its text. Those of the last item
+        are kept, as each of its answers asks for them.
+        """
+        key = labeling.kind, row["item_id"]
+        if (known := self._known.get(key)) is None:
+            root = self.judge.run.root
+            files = manifest.rows(root, labeling.table)
+            spoken = has_text(files) and labeling is PAIRS
+            around = surroundings(root, files, [row]) if spoken else {}
+            video = described(root, [row]).get(row["video_id"], DescribedVideo())
+            known = video, *around.get(row["item_id"], ("", ""))
+            self._known.clear()
+            self._known[key] = known
+        return known
 
 
 def read(desk: JudgeDesk | None, query: Mapping[str, str]) -> JudgePage:
@@ -132,16 +151,13 @@ def read(desk: JudgeDesk | None, query: Mapping[str, str]) -> JudgePage:
     if not wanted:
         return JudgePage(labeling, sample, given, **common)
     row = rows[ids.index(wanted)]
-    root = desk.judge.run.root
-    files = manifest.rows(root, labeling.table)
-    around = surroundings(root, files, [row]) if has_text(files) and labeling is PAIRS else {}
-    before, after = around.get(wanted, ("", ""))
+    video, before, after = desk.surroundings_of(labeling, row)
     return JudgePage(
         labeling,
         sample,
         given,
         row=row,
-        video=described(root, [row]).get(row["video_id"], DescribedVideo()),
+        video=video,
         text=marked_pieces(row) if labeling is PAIRS else [],
         before=before,
         after=after,

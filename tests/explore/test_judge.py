@@ -59,7 +59,7 @@ class Seat:
     def until(self, selector: str, words: str) -> None:
         """Wait until an element has these words."""
         script = "return document.querySelector(arguments[0])?.textContent ?? ''"
-        WebDriverWait(self._browser, 20).until(
+        WebDriverWait(self._browser, 20, 0.05).until(
             lambda page: words in page.execute_script(script, selector)
         )
 
