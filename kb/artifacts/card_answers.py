@@ -32,9 +32,9 @@ def ask(
             con.execute(f"CREATE OR REPLACE TEMP VIEW {view} AS SELECT * FROM {scan(part.shards)}")
     for question, query in questions.items():
         with contextlib.suppress(duckdb.CatalogException):
-            found = con.execute(query)
-            if rows := found.fetchall():
-                names = [name for name, *_ in found.description]
+            answer = con.execute(query)
+            if rows := answer.fetchall():
+                names = [name for name, *_ in answer.description]
                 yield CardAnswer(question, query, [names, *([*map(_shown, row)] for row in rows)])
 
 

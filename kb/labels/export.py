@@ -49,7 +49,7 @@ def export(
         raise UsageError(
             f"--out {out} exists and is not a labelling project", hint="name a new folder"
         )
-    catalog = table_catalog.read(run.root)
+    catalog = table_catalog.read_catalog(run.root)
     files = catalog.files(labeling.table)
     if not files:
         raise FatalError(

@@ -105,7 +105,7 @@ def unite(run: Run, others: Sequence[Path]) -> int:
         rows = conform(LABELS, con.sql(_NEWEST).to_arrow_table())
         if not rows.equals(old):
             _write(run.root, rows)
-    if not rows.equals(old) and manifest.read(run.root, "pairs") is not None:
+    if not rows.equals(old) and manifest.read_manifest(run.root, "pairs") is not None:
         with domain_binding.writing(run, "labels", "pairs"), database.connect(run.root) as con:
             con.register("given", none)
             con.register("old", rows)
@@ -149,7 +149,7 @@ def _judge(con: DuckDBPyConnection, root: Path) -> dict[str, int]:
         begin, end = one.found or (one.start, one.end)
         for name, where in ((one.table, "true"), *one.rejected):
             if files := manifest.rows(root, name):
-                parquet.check(*files)
+                parquet.verify_files(*files)
                 selects.append(
                     f"SELECT '{kind}' AS kind, {one.key} AS item_id, video_id,"
                     f" {one.stratum} AS stratum, {begin} AS start_s, {end} AS end_s"
@@ -173,7 +173,7 @@ def _measured(con: DuckDBPyConnection, root: Path, rows: pa.Table) -> dict[str, 
     con.register("labels", rows)
     judged = set(rows["kind"].to_pylist())
     section = {kind: figures(con, one) for kind, one in KINDS.items() if kind in judged}
-    if manifest.read(root, "pairs") is not None:
+    if manifest.read_manifest(root, "pairs") is not None:
         write_measure(root, SECTION, section)
     return section
 

@@ -85,7 +85,7 @@ class Judge:
         if known != key:
             where = "text IS NOT NULL" if has_text(files) else "true"
             if sample.where:
-                asked = asking(table_catalog.read(root), where=sample.where)
+                asked = asking(table_catalog.read_catalog(root), where=sample.where)
                 where += f" AND pair_id IN (SELECT pair_id FROM ({asked}))"
             rows = drawn_rows(root, files, sample.labeling, sample.size, sample.seed, where)
             self._sample = key, rows

@@ -30,7 +30,7 @@ def drawn_rows(
     spill: Path | None, files: list[Path], labeling: Labeling, sample: int, seed: int, where: str
 ) -> list[dict[str, Any]]:
     """Rows of the sample, each with `item_id`, `stratum` and `weight`."""
-    parquet.check(*files)
+    parquet.verify_files(*files)
     with reading(files), database.connect(spill) as con:
         drawn = con.sql(
             f"""

@@ -18,14 +18,14 @@ def problems(source: SourceDeclaration, settings: Collection[str]) -> Iterator[s
     """Each with its file below the source's `schemas/`. `settings` are the known ones."""
     file = f"sources/{source.name}.toml"
     try:
-        declared = {name: one for name, one in tables().items() if one.source == source.name}
+        declared = {name: table for name, table in tables().items() if table.source == source.name}
         for kind in raw.kinds():
             if kind.startswith(f"{source.name}/"):
                 keys_of(kind)
     except KbError as error:  # says itself in which file
         yield str(error)
         return
-    shorts = {one.short for one in declared.values()}
+    shorts = {table.short for table in declared.values()}
     for key in ("tables", "linked", "indexed", "textual"):
         for short in getattr(source, key):
             if short not in shorts:
@@ -38,9 +38,9 @@ def problems(source: SourceDeclaration, settings: Collection[str]) -> Iterator[s
             yield f"{file}: `{tables_of}` has tables, but `{words}` says nothing"
     if source.main not in source.tables:
         yield f"{file}: `main` is {source.main}, which is not in [tables]"
-    for (one, prefix), (other, longer) in permutations(source.tables.items(), 2):
+    for (short, prefix), (other, longer) in permutations(source.tables.items(), 2):
         if longer.startswith(prefix):
-            yield f"{file}: a key of {other} ({longer}…) may be one of {one} ({prefix}…)"
+            yield f"{file}: a key of {other} ({longer}…) may be one of {short} ({prefix}…)"
     if source.counted not in source.nouns.values():
         yield f"{file}: `counted` is {source.counted}, which is in no line of [nouns]"
     item = f"{source.name}/{source.main}"

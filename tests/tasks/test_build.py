@@ -192,7 +192,7 @@ def test_what_people_say_of_tasks_counts(job: Job) -> None:
     assert job.done("label", "import", file)["figures"]["task"]["questions"] == said
     job.done("tasks", "--again")
     assert {row[0]: row[1:] for row in _rows(job, sql)} == rows
-    folder = release_folder.read(job.root / "release/tasks", "tasks")
+    folder = release_folder.read_release_folder(job.root / "release/tasks", "tasks")
     with duckdb.connect() as con:
         card = " ".join(task_quality(con, job.root, folder))
     assert f"people judged 5 of {len(mined)} mined tasks. Left out" in card

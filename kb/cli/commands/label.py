@@ -99,9 +99,9 @@ def import_(
     summary = import_exports(run, files)
     show_row(("kind", "question", "n", "yes", "kappa"))
     for kind, section in summary["figures"].items():
-        for name, one in section["questions"].items():
-            shown = one.get("n", one["answers"])
-            show_row((kind, name, shown, interval_text(one), _kappa(one.get("agreement"))))
+        for name, asked in section["questions"].items():
+            shown = asked.get("n", asked["answers"])
+            show_row((kind, name, shown, interval_text(asked), _kappa(asked.get("agreement"))))
     return summary
 
 

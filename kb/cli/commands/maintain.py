@@ -265,17 +265,17 @@ def verify(
     for line in terminal.table(list(report.table())):
         typer.echo(line)
     alike = Counter[tuple[str, Path, str]]()
-    for one in report.entries:
-        alike[one.state, one.path.parent, one.what] += 1
-        if alike[one.state, one.path.parent, one.what] <= _SHOWN:
-            show(with_options(f"{one.state}: {one.path}: {one.what}; {one.advice}"))
+    for finding in report.entries:
+        alike[finding.state, finding.path.parent, finding.what] += 1
+        if alike[finding.state, finding.path.parent, finding.what] <= _SHOWN:
+            show(with_options(f"{finding.state}: {finding.path}: {finding.what}; {finding.advice}"))
     for (state, where, what), number in alike.items():
         if number > _SHOWN:
             show(f"{state}: {where}: {number - _SHOWN:,} more files: {what}")
     for line in repaired:
         show(with_options(f"repair: {line}"))
     summary = Summary(command="verify", **report.summary(place), repaired=repaired)
-    if any(not (repair and one.state == "foreign") for one in report.entries):
+    if any(not (repair and finding.state == "foreign") for finding in report.entries):
         counts = ", ".join(
             f"{files:,} {state}"
             for state in ("damaged", "missing", "foreign")

@@ -161,7 +161,7 @@ def search(
     )
     run = options.make_run()
     warn_stale(run)
-    sources = [str(one) for one in SearchSource if not source or one in source]
+    sources = [str(searched) for searched in SearchSource if not source or searched in source]
     ensure(run, sources)
     query = " ".join(words)
     answers, meant, instead = search_as_meant(
@@ -170,12 +170,12 @@ def search(
     if options.json or format is AnswerFormat.json:
         import msgspec
 
-        hits = [msgspec.to_builtins(one) for one in answers]
+        hits = [msgspec.to_builtins(hit) for hit in answers]
         if options.json:
             return Summary(command="search", answers=hits, suggestion=meant or None)
         show(msgspec.json.encode(hits).decode())
-    for number, one in enumerate(answers if format is AnswerFormat.text else (), 1):
-        for line in lines(number, one):
+    for number, hit in enumerate(answers if format is AnswerFormat.text else (), 1):
+        for line in lines(number, hit):
             show(line)
     quoted = meant if '"' in meant else f'"{meant}"'
     if instead:
@@ -189,20 +189,20 @@ def search(
     return None
 
 
-def lines(number: int, one: SearchHit) -> Iterator[str]:
+def lines(number: int, hit: SearchHit) -> Iterator[str]:
     """The lines that show an answer."""
-    yield f"{number:2}. {one.title} › {one.path}" if one.path else f"{number:2}. {one.title}"
+    yield f"{number:2}. {hit.title} › {hit.path}" if hit.path else f"{number:2}. {hit.title}"
     facts = [
-        f"source: {one.source} {one.kind}",
-        f"date: {one.date}" if one.date else "",
-        f"licence: {one.licence or 'none given'}",
-        f"score: {one.score:.2f}",
+        f"source: {hit.source} {hit.kind}",
+        f"date: {hit.date}" if hit.date else "",
+        f"licence: {hit.licence or 'none given'}",
+        f"score: {hit.score:.2f}",
     ]
     yield f"    {' · '.join(fact for fact in facts if fact)}"
-    if one.text != one.title:  # else the passage has no text of its own
-        for line in textwrap.wrap(one.snippet, 96):
+    if hit.text != hit.title:  # else the passage has no text of its own
+        for line in textwrap.wrap(hit.snippet, 96):
             yield f"    {line}"
-    yield f"    {one.url}"
+    yield f"    {hit.url}"
 
 
 @command(
@@ -280,7 +280,7 @@ def explore(
     always has. The clip is your own file where --videos names it (needs the extra `clips`), else
     the service's player once you open it.
     """
-    from kb.artifacts.table_catalog import read
+    from kb.artifacts.table_catalog import read_catalog
     from kb.cli.commands.overview import overview
     from kb.core.errors import SettingError
     from kb.core.installation import require
@@ -299,7 +299,7 @@ def explore(
         desk.judge.measure()  # where a run before was killed
     warn_stale(run)
     serve(
-        read(run.root).path,
+        read_catalog(run.root).path,
         run.profile,
         lambda: overview(run),
         CLASSES,

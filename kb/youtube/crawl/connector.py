@@ -103,11 +103,11 @@ def reopen(frontier: Frontier, profile: YouTubeSection) -> None:
 
 def extend(frontier: Frontier, profile: YouTubeSection, mine: Callable[[str], bool]) -> None:
     """Add the profile's keywords, and channels that were another part's share."""
-    frontier.add(
+    frontier.add_keys(
         SEARCHES, [(search_key(word, None), SearchItem(word)) for word in profile.keywords]
     )
     channels = (key for key, *_ in frontier.items(CHANNELS) if mine(key))
-    frontier.add(UPLOADS, [(key, Uploads(uploads_list(key, profile))) for key in channels])
+    frontier.add_keys(UPLOADS, [(key, Uploads(uploads_list(key, profile))) for key in channels])
 
 
 def new_round(frontier: Frontier) -> None:

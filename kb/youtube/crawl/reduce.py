@@ -154,21 +154,21 @@ class Reducer:
         page = known[1].page if known and known[1] else 1
         channels = (key for key in parse.channel_hits(envelope.response) if key.startswith("UC"))
         hits = [key for key in channels if key not in self._left_out]
-        frontier.add(CHANNELS, hits)
+        frontier.add_keys(CHANNELS, hits)
         frontier.done(CHANNELS, *hits)
         mine = [channel for channel in hits if self._mine(channel)]
-        frontier.add(UPLOADS, [(key, self._from_the_top(key)) for key in mine])
+        frontier.add_keys(UPLOADS, [(key, self._from_the_top(key)) for key in mine])
         following = parse.next_page(envelope.response)
         if following and hits:
             after = SearchItem(keyword, following, page + 1)
-            frontier.add(SEARCHES, [(search_key(keyword, following), after)])
-        frontier.add(SEARCHES, [(key, None)])
+            frontier.add_keys(SEARCHES, [(search_key(keyword, following), after)])
+        frontier.add_keys(SEARCHES, [(key, None)])
         frontier.payload(SEARCHES, key, SearchItem(keyword, token, page, len(hits)))
         frontier.done(SEARCHES, key)
 
     def _seeds(self, frontier: Frontier, envelope: Envelope) -> None:
         ids = envelope.request.params.get("ids", [])
-        frontier.add(VIDEOS, [key for key in ids if key not in self._purged])
+        frontier.add_keys(VIDEOS, [key for key in ids if key not in self._purged])
 
     def _from_the_top(self, channel: str) -> Uploads:
         return Uploads(uploads_list(channel, self._profile))
@@ -182,7 +182,7 @@ class Reducer:
         known = frontier.get(UPLOADS, channel)
         if known is None:
             at = Uploads(playlist, token)
-            frontier.add(UPLOADS, [(channel, at)])
+            frontier.add_keys(UPLOADS, [(channel, at)])
         else:
             at = known[1]
             if (at.playlist, at.token) != (playlist, token) or known[0] == "done":
@@ -229,11 +229,11 @@ class Reducer:
 
     def _add_videos(self, frontier: Frontier, response: Any) -> int:
         keys = [key for key in parse.listed(response) if key not in self._purged]
-        return frontier.add(VIDEOS, keys)
+        return frontier.add_keys(VIDEOS, keys)
 
     def _videos(self, frontier: Frontier, envelope: Envelope) -> None:
         asked = parse.requested(envelope.request.params)
-        frontier.add(VIDEOS, asked)
+        frontier.add_keys(VIDEOS, asked)
         frontier.done(VIDEOS, *asked)
         frontier.done(REFRESH, *asked)
         if self.wants:
@@ -244,9 +244,9 @@ class Reducer:
 
     def _statistics(self, frontier: Frontier, envelope: Envelope) -> None:
         params = envelope.request.params
-        frontier.add(REFRESH, parse.missing(params, envelope.response))
+        frontier.add_keys(REFRESH, parse.missing(params, envelope.response))
         asked = parse.requested(params)
-        frontier.add(STATISTICS, asked)
+        frontier.add_keys(STATISTICS, asked)
         frontier.done(STATISTICS, *asked)
         # Counts alone decide nothing: a crawl judges them with the metadata.
         frontier.set_cursor(UNJUDGED, True)
@@ -254,19 +254,19 @@ class Reducer:
     def _info(self, frontier: Frontier, envelope: Envelope) -> None:
         """An imported video is not asked for; a crawl judges whether its transcript is."""
         key = str(envelope.response["id"])
-        frontier.add(VIDEOS, [key])
+        frontier.add_keys(VIDEOS, [key])
         frontier.done(VIDEOS, key)
         frontier.set_cursor(UNJUDGED, True)
 
     def _subtitles(self, frontier: Frontier, envelope: Envelope) -> None:
         key, language = str(envelope.response["video_id"]), str(envelope.response["language"])
         if self._language.spoken(language):
-            frontier.add(TRANSCRIPTS, [key])
+            frontier.add_keys(TRANSCRIPTS, [key])
             frontier.done(TRANSCRIPTS, key)
 
     def _playlist(self, frontier: Frontier, envelope: Envelope) -> None:
         keys = (str(entry["id"]) for entry in envelope.response["entries"])
-        frontier.add(VIDEOS, [key for key in keys if key not in self._purged])
+        frontier.add_keys(VIDEOS, [key for key in keys if key not in self._purged])
 
     def judge(self, frontier: Frontier, videos: pa.Table) -> None:
         """Add the transcripts that are worth asking for, of parsed videos."""
@@ -274,11 +274,11 @@ class Reducer:
             zip(*(videos[name].to_pylist() for name in ("video_id", self._owner)), strict=True)
         )
         wanted = (key for key in self._wanted(videos) if key not in self._purged)
-        frontier.add(TRANSCRIPTS, [key for key in wanted if self._mine(owners[key] or "")])
+        frontier.add_keys(TRANSCRIPTS, [key for key in wanted if self._mine(owners[key] or "")])
 
     def _transcript(self, kind: str, frontier: Frontier, envelope: Envelope) -> None:
         key, status, reason = _outcome(envelope.response)
-        frontier.add(kind, [key])
+        frontier.add_keys(kind, [key])
         frontier.mark(kind, [key], status, reason)
         if reason == PO_TOKEN and kind == TRANSCRIPTS:
             frontier.payload(TRANSCRIPTS, key, Transcript((envelope.fetched_at or "")[:10]))

@@ -23,12 +23,11 @@ import pyarrow.compute as pc
 
 from kb.core import clock
 from kb.core.languages import code_of, is_language, primary_language
-from kb.core.video_names import possible_ids
 from kb.crawl.file_text import json_value, text_of
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
-from kb.schema.video_facts import NOT_PUBLIC
+from kb.schema.video_facts import NOT_PUBLIC, possible_ids
 from kb.store.rawlog import rawlog
 from kb.store.walk import walk
 from kb.youtube.crawl import player
@@ -338,7 +337,7 @@ _OWN = ("UU", "UC")  # a channel's list of uploads, which nobody made by hand
 def playlists(root: Path) -> dict[str, str]:
     """By video, the first public playlist by id that lists it. Raises DamagedData."""
     first: dict[str, str] = {}
-    for envelope in rawlog.read(root, "youtube", "ytdlp_playlists"):
+    for envelope in rawlog.envelopes(root, "youtube", "ytdlp_playlists"):
         playlist = str(envelope.response["id"])
         hidden = envelope.response.get("availability") in NOT_PUBLIC
         left_out = hidden or playlist.startswith(_OWN)

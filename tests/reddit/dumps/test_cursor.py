@@ -69,7 +69,7 @@ def test_what_an_earlier_version_left_of_again_goes_with_the_next_command(tmp_pa
     unfinished = segment.with_name(f".000009{segment.name[6:]}.part")
     shutil.copy(segment, unfinished)
     (leftover, other) = sorted(
-        verify(tmp_path, Progress()).of("leftovers"), key=lambda one: one.path
+        verify(tmp_path, Progress()).of_kinds("leftovers"), key=lambda one: one.path
     )
     assert (leftover.path, other.path) == tuple(sorted((left, unfinished)))
     with lock.writer(tmp_path, "reddit"):
