@@ -11,7 +11,8 @@ from kb.core.errors import UsageError
 from kb.explore.tables import quoted
 
 MOST = 6  # conditions of an address
-_SIGNS = {"is": "=", "is not": "<>", "at least": ">=", "at most": "<="}
+_EQUAL = {"is": "=", "is not": "<>"}
+_SIGNS = _EQUAL | {"at least": ">=", "at most": "<=", "above": ">", "below": "<"}
 TESTS = (*_SIGNS, "contains", "is empty", "is there")
 _NUMBERS = ("INT", "DOUBLE", "FLOAT", "DECIMAL", "HUGEINT")
 

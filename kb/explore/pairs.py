@@ -303,7 +303,9 @@ def _marks(
         yield QualityMark(spoken, "Language", warns=spoken != language)
     if (verb := quality.get("has_verb")) is not None:
         yield QualityMark(
-            "verb" if verb else "no verb", "A verb stands near the keyword", warns=not verb
+            "verb" if verb else "no verb near keyword",
+            "Whether a verb of the word list stands within five words of the keyword",
+            warns=not verb,
         )
     if (speed := quality.get("words_per_second")) is not None:
         yield QualityMark(f"{speed:.1f} words/s", "Speed of speech", warns=speed > _FAST)
