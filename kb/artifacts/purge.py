@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from kb.artifacts import index, manifest, purge_raw
+from kb.artifacts import freshness, index, manifest, purge_raw
 from kb.artifacts.freshness import sources_of
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, warn
@@ -38,8 +38,9 @@ from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, releas
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData
+from kb.core.sources import PUBLISHED
 from kb.store import lock
-from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of
+from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of, selections
 from kb.store.atomic import remove_path, write_bytes
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import quarantine, rawlog
@@ -365,6 +366,8 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
             if not ARTIFACTS[name].tables and name != RELEASE:
                 yield count_files(root, ARTIFACTS[name])
         return
+    for name in selected_from(root, rules.source):
+        freshness.note_purged(purge.run, name)
     note, linked = purge.note, list[Path]()
     note.keys = purge.keys | purge.absent
     for name in names:
@@ -389,6 +392,12 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
     index.remove(root, rules.source)  # one in the user's cache as well
 
 
+def selected_from(root: Path, source: str) -> list[str]:
+    """The selections of rows that are made of a source, as artifacts."""
+    names = (f"release/{name}" for name in selections(root))
+    return [name for name in names if source in sources_of(name)]
+
+
 def _behind_links(folder: Path, files: Iterable[str]) -> list[Path]:
     """Those of an artifact's files that lie elsewhere, as a folder in it was moved to another disk
     and is a link now: they do not go with the folder.
@@ -400,6 +409,12 @@ def _behind_links(folder: Path, files: Iterable[str]) -> list[Path]:
 def kept(purge: Purge) -> Iterator[PurgeLine]:
     """Rows of tables that can't be made again."""
     locations = [one for one in purge.rules.rows if not _is_derived(one)]
+    chosen = selected_from(purge.root, purge.rules.source)
+    locations += [
+        RowLocation(name, declared, "video_id")
+        for name in chosen
+        for declared in ARTIFACTS[name].tables
+    ]
     if purge.dry:
         yield from _rows(purge, locations)
         return
@@ -410,6 +425,18 @@ def kept(purge: Purge) -> Iterator[PurgeLine]:
     names = {match[1].name for folder in folders if (match := artifact_of(folder / "rows"))}
     with manifest.editing(purge.root, *sorted(names)):
         yield from _rows(purge, locations)
+        for name in chosen:
+            for listed in PUBLISHED[name.partition("/")[2]].lists:
+                _drop_lines(purge.root / name / listed, purge.keys)
+
+
+def _drop_lines(path: Path, keys: Collection[str]) -> None:
+    """Write a list of ids without these."""
+    if path.is_file():
+        lines = path.read_text(encoding="utf-8").splitlines()
+        left = [line for line in lines if line not in keys]
+        if len(left) < len(lines):
+            write_bytes(path, "".join(f"{line}\n" for line in left).encode())
 
 
 def _rows(purge: Purge, locations: Iterable[RowLocation]) -> Iterator[PurgeLine]:

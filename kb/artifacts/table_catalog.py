@@ -344,12 +344,15 @@ def _clean(root: Path) -> Iterator[View]:
 def _released(folders: Iterable[ReleaseFolder]) -> list[View]:
     views: dict[str, View] = {}
     for folder in folders:
+        own = folder.name.removeprefix(folder.source).replace("-", "_")  # of a selection
         mine = [
-            View("release", view_name(part.table), [*part.shards], part.table.doc, folder.path)
+            View(
+                "release", view_name(part.table) + own, [*part.shards], part.table.doc, folder.path
+            )
             for part in folder.parts
         ]
         if mine and folder.tombstones is not None:
-            name, doc = tombstones_view(folder.source), table("shared/tombstones").doc
+            name, doc = tombstones_view(folder.name), table("shared/tombstones").doc
             mine.append(View("release", name, [folder.tombstones], doc, folder.path))
         for view in mine:
             check_once(views, view)

@@ -28,7 +28,7 @@ from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import NotReleasable, ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
-from kb.core.sources import PUBLISHED, SOURCES, made_of
+from kb.core.sources import PUBLISHED, SELECTIONS, SOURCES, made_of
 from kb.core.summary import Summary
 from kb.release import folders, provenance
 from kb.release.folders import sample_name
@@ -64,10 +64,12 @@ def release(
         raise _unsigned(run.profile, unlicensed)
     with domain_binding.writing(run, *RELEASES):
         refuse(check.check(run, exports))
+        for folder in exports:
+            freshness.settle_purged(run, folder.name)
         facts = [write(run, folder, published[folder.source]) for folder in exports]
         refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
         write_overview(run)
-        freshness.note_described(run, (folder.source for folder in exports))
+        freshness.note_described(run, (folder.name for folder in exports))
     return Summary(
         command="release",
         folders=len(exports),
@@ -135,7 +137,14 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
             hint=f"exported: {', '.join(folder.source for folder in exports)}",
         )
     exports = [folder for folder in exports if folder.source in wanted]
-    stale = freshness.stale(run, *(f"release/{folder.source}" for folder in exports))
+    stale = freshness.stale(run, *(f"release/{folder.name}" for folder in exports))
+    for folder in [one for one in exports if f"release/{one.name}" in stale]:
+        # What was selected is made again by nobody but its maker, who may want it as it was.
+        if folder.source in SELECTIONS and folder.source not in only:
+            name = f"release/{folder.name}"
+            why, again = ", ".join(stale.pop(name)), ARTIFACTS[name].command
+            run.progress.say(f"{name} is left out, as it is out of date: {why}; run `{again}`")
+            exports.remove(folder)
     refuse(
         [
             GateProblem("out of date", name, ", ".join(why))

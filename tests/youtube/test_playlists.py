@@ -11,7 +11,7 @@ from kb.sandbox.youtube.cases import Playlist
 from kb.sandbox.youtube.playlists import GONE
 from tests.faults import LoggedRequest, Sandbox
 from tests.youtube.crawl.test_fetch import CRAWL
-from tests.youtube.job import Job
+from tests.youtube.job import Job, searched_playlists
 
 LISTS = "SELECT * EXCLUDE (fetched_at) FROM clean.youtube_playlists ORDER BY playlist_id"
 ENTRIES = "SELECT * FROM clean.youtube_playlist_videos ORDER BY playlist_id, position"
@@ -20,9 +20,7 @@ PHRASES = ("Minecraft Tutorial", "Minecraft Guide")
 
 def public(sandbox: Sandbox) -> list[Playlist]:
     """The playlists that the phrases find and anybody may read."""
-    world = sandbox.world.youtube
-    searched = {one.id: one for words in PHRASES for one in world.search_playlists(words)}
-    return [one for one in searched.values() if one.privacy == "public"]
+    return [one for one in searched_playlists(sandbox) if one.privacy == "public"]
 
 
 def kept_places(job: Job, playlist: Playlist) -> dict[str, int]:
@@ -70,8 +68,11 @@ def test_from_a_search_to_the_tables(job: Job) -> None:
     assert by_phrase.get(sandbox.world.youtube.playlists[1].id, PHRASES[0]) == PHRASES[0]
     gone = [one.id for one in trouble if one.privacy == GONE]
     empty = sorted(one.id for one in public(sandbox) if not one.entries)
-    left_out = filtered["playlists_left_out"]
-    assert (left_out["not_found"], left_out["empty"]) == (gone, empty)
+    private = [one.id for one in trouble if one.privacy == "private"]
+    assert filtered["playlists_left_out"] == {
+        "not_found": gone, "not_public": private,
+        **({"empty": empty} if empty else {}),
+    }
     job.done("youtube", "export")
     released = job.rows("SELECT * FROM release.youtube_playlist_videos ORDER BY ALL")
     assert released == job.rows("SELECT * FROM clean.youtube_playlist_videos ORDER BY ALL")
@@ -94,7 +95,8 @@ def test_a_playlist_that_changes_between_two_pages(job: Job) -> None:
     job.done("youtube", "filter")
     listed = [row for row in job.rows(ENTRIES) if row["playlist_id"] == long.id]
     kept = job.rows("SELECT video_id FROM clean.youtube_videos")
-    assert turned and len(listed) == len(kept)
+    assert turned
+    assert len(listed) == len(kept)
     assert len({row["video_id"] for row in listed}) == len(listed)
 
 

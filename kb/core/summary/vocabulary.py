@@ -57,7 +57,9 @@ WORDS: dict[str, Word] = {
     "playlists": Word(
         "Playlists that were listed or imported; imports count channels too.", "{n} playlists"
     ),
-    "playlists_left_out": Word("Playlists without a row, by reason: not public, not found, not read or empty."),
+    "playlists_left_out": Word(
+        "Playlists without a row, by reason: not public, not found, not read or empty."
+    ),
     "own_transcripts": Word("Own transcripts that were imported.", "{n} own transcripts"),
     "unknown_videos": Word("Own transcripts of videos that are not in the data root."),
     "youtube import.files": Word("Files that were imported in this run."),

@@ -202,3 +202,24 @@ def share_text(share: Mapping[str, Any]) -> str:
         return "none"
     low, high, n = share["low"], share["high"], share["n"]
     return f"{share['share']:.1%} (95 % interval {low:.1%} to {high:.1%}, n = {n:,})"
+
+
+_SPLITS = ("train", "validation", "test")
+
+
+def draw_quality(root: Path, folder: ReleaseFolder) -> tuple[str, ...]:
+    """How a released draw was drawn. Raises DamagedData."""
+    made = manifest.read(root, f"release/{folder.name}")
+    if made is None or not made.figures:
+        return ()
+    asked = made.figures
+    condition = f", where `{asked['where']}`" if asked["where"] else ""
+    splits = ", ".join(f"{split} {asked[split]:,}" for split in _SPLITS)
+    drawn = f"{asked['pairs']:,} pairs were drawn from {asked['out_of']:,} released ones"
+    hours = f"{asked['hours']:,} hours of {asked['videos']:,} videos"
+    most = f"{asked['keywords']:,} keywords, with at most {asked['most_of_a_keyword']:,} pairs each"
+    return (
+        f"{drawn} with the seed {asked['seed']}{condition}. Limits: {asked['limits']}.",
+        f"They are {hours}, of {most}. Splits as drawn: {splits}.",
+        f"`{asked['command_again']}` draws the same rows from the same released pairs.",
+    )

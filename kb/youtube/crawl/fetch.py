@@ -107,13 +107,14 @@ class YouTubeFetcher:
             "maxResults": PACK,
             **_page(item),
         }
-        answer: dict[str, Any] = {"error": {"code": 404}}
-        status = 404
+        answer: dict[str, Any]
         try:
             answer, status = self.api.playlist_items(**params), 200
         except ItemFinal as fact:
-            if fact.reason != "not_found":
+            status = 404 if fact.reason == "not_found" else 403
+            if status == 403 and item.kind == UPLOADS:
                 raise
+            answer = {"error": {"code": status}}
         yield Answer(RAW_LIST, "playlistItems.list", params, answer, status)
 
     def _playlist_facts(self, items: list[Item]) -> Iterator[Answer]:

@@ -55,6 +55,7 @@ RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES = "ytdlp_info", "ytdlp_playlists", "ytdlp
 RAW_OWN = "own_transcripts"  # changes nothing that a crawl asks for
 FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
 UNJUDGED = "videos not judged"  # cursor: taken in by what asks for no transcript
+NO_ACCESS = "playlistItemsNotAccessible"  # why a playlist is skipped: it is private
 BEYOND = "beyond search_pages"  # why a page of a search is skipped
 ELSEWHERE = "of another part"  # the same
 
@@ -216,6 +217,9 @@ class Reducer:
                 return
         if envelope.status == 404:
             self._no_list(frontier, kind, key, playlist)
+            return
+        if envelope.status == 403:
+            frontier.skip(kind, key, NO_ACCESS)
             return
         new = self._add_videos(frontier, envelope.response)
         following = self._next_of(at, parse.next_page(envelope.response), new)

@@ -47,6 +47,7 @@ class ListReading:
     at: str
     count: int | None = None
     gone: bool = False
+    hidden: bool = False
     read: int = 0
     positions: dict[str, int] = field(default_factory=dict)
 
@@ -87,7 +88,7 @@ class Playlist:
         """Why it has no row, "" for a public one with entries."""
         if self.newest is not None and self.newest.gone:
             return "not_found"
-        if self.facts is not None and self.facts.hidden:
+        if any(part is not None and part.hidden for part in (self.facts, self.newest)):
             return "not_public"
         if self.newest is None or self.facts is None:  # until then it may be unlisted
             return "not_read"
@@ -117,8 +118,8 @@ def _take_facts(known: dict[str, Playlist], envelope: Envelope) -> None:
     for key in parse.missing(envelope.request.params, envelope.response):
         known.setdefault(key, Playlist()).finish(ListReading(envelope.fetched_at or "", gone=True))
     for item in parse.items_of(envelope.response):
-        if isinstance(key := item.get("id"), str):
-            known.setdefault(key, Playlist()).learn(_facts_of(envelope, item, str))
+        if isinstance(there := item.get("id"), str):
+            known.setdefault(there, Playlist()).learn(_facts_of(envelope, item, str))
 
 
 def _facts_of(envelope: Envelope, item: dict[str, Any], plain: Any) -> ListFacts:
@@ -138,14 +139,15 @@ def _take_items(known: dict[str, Playlist], envelope: Envelope) -> None:
     if one.started is None or not params.get("pageToken"):
         one.started = ListReading(envelope.fetched_at or "")
     reading = one.started
-    reading.at, reading.gone = envelope.fetched_at or "", envelope.status == 404
+    reading.at = envelope.fetched_at or ""
+    reading.gone, reading.hidden = envelope.status == 404, envelope.status == 403
     if isinstance(count := inner(answer, "pageInfo", "totalResults"), int):
         reading.count = count
     entries = parse.items_of(answer)
     places = (inner(item, "snippet", "position") for item in entries)
     whole = (place if isinstance(place, int) else None for place in places)
     reading.add(list(zip(map(parse.listed_video, entries), whole, strict=True)))
-    if reading.gone or parse.next_page(answer) is None:
+    if parse.next_page(answer) is None:
         one.finish(reading)
         one.started = None
 
@@ -181,7 +183,7 @@ def last_read(root: Path) -> dict[str, str]:
     read: dict[str, str] = {}
     for key, one in playlists(root).items():
         times = [part.at for part in (one.facts, one.newest) if part is not None and part.at]
-        if times and not (one.newest is not None and one.newest.gone):
+        if times and one.left_out not in ("not_found", "not_public"):
             read[key] = min(times)
     return read
 
