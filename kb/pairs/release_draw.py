@@ -79,7 +79,8 @@ def release_draw(
     artifact = f"release/{own}"
     with domain_binding.writing(run, "release-draw"):
         inputs = manifest.inputs(run.root, artifact)
-        with manifest.replacing(run.root, artifact, inputs=inputs) as build:
+        settings = freshness.settings(run, artifact)
+        with manifest.replacing(run.root, artifact, inputs=inputs, settings=settings) as build:
             _write(build.folder, made, run)
             build.figures = {**_as_asked(asked), **made.summary}
     return Summary(made.summary, path=str(Layout(run.root.absolute()).release(own)))

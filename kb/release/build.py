@@ -220,11 +220,13 @@ def write_samples(folder: ReleaseFolder, megabytes: float) -> list[Path]:
 
     The tables of a folder share a column (a pair, a page, a post). All samples have the same values
     of it: first those that most of the tables have, in the order of their MD5, so that the sample
-    is spread over the data and the same each time.
+    is spread over the data and the same each time. A table without that column shows its first
+    rows.
     """
     shared = _shared(folder.parts)
     with database.asking() as con:
-        keys = _fitting(con, folder.parts, shared)
+        having = tuple(part for part in folder.parts if shared in part.table.names(released=True))
+        keys = _fitting(con, having, shared)
         while True:
             written = [_sample(con, folder, part, shared, keys) for part in folder.parts]
             if sum(path.stat().st_size for path in written) <= megabytes * 1e6 or len(keys) < 2:
@@ -257,9 +259,11 @@ def _sample(
     con: DuckDBPyConnection, folder: ReleaseFolder, part: ReleasedTable, shared: str, keys: Any
 ) -> Path:
     by = ", ".join(f'"{name}"' for name in order(part.table))
+    has = shared in part.table.names(released=True)
+    fits = f't."{shared}" IN (SELECT unnest($2))' if has else "len($2) > 0"
+    limit = _SAMPLED if has else f"least({_SAMPLED}, len($2))"
     rows = con.sql(
-        f'SELECT t.* FROM read_parquet($1) t WHERE t."{shared}" IN (SELECT unnest($2))'
-        f" ORDER BY {by} LIMIT {_SAMPLED}",
+        f"SELECT t.* FROM read_parquet($1) t WHERE {fits} ORDER BY {by} LIMIT {limit}",
         params=[[str(shard) for shard in part.shards], keys],
     ).to_arrow_table()
     path = folder.path / sample_name(part.table)
@@ -283,14 +287,16 @@ def _values(column: pa.ChunkedArray[Any]) -> list[Any]:
 
 def _shared(parts: tuple[ReleasedTable, ...]) -> str:
     """The column that is the key of all tables of the folder, else one that all have and that is
-    the key of a source's table; else the first's first key.
+    the key of a source's table; else the main one's first key.
     """
     first = parts[0].table.key
     if len(first) == 1 and all(part.table.key == first for part in parts):
         return first[0]
+    source = parts[0].table.source
     for name in (
-        table(f"{source}/{short}").key[0] for source in SOURCES for short in SOURCES[source].tables
+        table(f"{one}/{short}").key[0] for one in SOURCES for short in SOURCES[one].tables
     ):
         if all(name in part.table.names(released=True) for part in parts):
             return name
-    return first[0]
+    own = next((part for part in parts if part.table.short == PUBLISHED[source].main), parts[0])
+    return own.table.key[0]

@@ -70,7 +70,8 @@ def test_from_a_search_to_the_tables(job: Job) -> None:
     empty = sorted(one.id for one in public(sandbox) if not one.entries)
     private = [one.id for one in trouble if one.privacy == "private"]
     assert filtered["playlists_left_out"] == {
-        "not_found": gone, "not_public": private,
+        "not_found": gone,
+        "not_public": private,
         **({"empty": empty} if empty else {}),
     }
     job.done("youtube", "export")

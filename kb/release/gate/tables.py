@@ -204,7 +204,8 @@ def check_rows(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -
     ]
     if unfinished:  # rows that were to be removed may still be here
         return unfinished
-    if PUBLISHED[folder.source].part_of:
+    of = PUBLISHED[folder.source]
+    if of.part_of or of.selected_from:  # of rows that other folders are checked for
         return []
     tables = released_tables(folder.source)
     problems = [problem for one in tables for problem in _damaged_clean(run.root, one)]

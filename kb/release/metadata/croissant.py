@@ -9,7 +9,7 @@ every record. What a folder was made of, by which steps and software, is in term
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -298,19 +298,25 @@ def _records(table: TableFacts, referenced: Mapping[str, str]) -> dict[str, Any]
                 f"{short}_splits/name"
                 if fact.column.name == table.table.split_by
                 else referenced.get(fact.column.name, ""),
+                table.table.stems if fact.column.name == table.table.split_by else (),
             )
             for fact in table.columns
         ],
     }
 
 
-def _field(short: str, column: Column, source: dict[str, Any], referenced: str) -> dict[str, Any]:
+def _field(
+    short: str, column: Column, source: dict[str, Any], referenced: str, stems: Sequence[str] = ()
+) -> dict[str, Any]:
     """A column, and the field of another table that it references; of a list of structs the parts
-    of each as fields below it.
+    of each as fields below it. `stems`: of the column that names the files, its values.
     """
     key = f"{short}/{column.name}"
     made = {"@type": "cr:Field", "@id": key, "name": column.name, "description": _described(column)}
     extract = {**source, "extract": {"column": column.name}}
+    if stems:  # by the names of files, so that a loader reads those of one split alone
+        named = f"^({'|'.join(stems)})-.+parquet$"
+        extract = {**source, "extract": {"fileProperty": "fullpath"}, "transform": {"regex": named}}
     parts = column.parsed.item.fields if column.parsed.item is not None else ()
     if not parts:
         joined = {"references": {"field": {"@id": referenced}}} if referenced else {}
