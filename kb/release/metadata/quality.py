@@ -156,6 +156,10 @@ def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
     sentences = tuple(judgements(read_measures(Layout(root).pairs), "task"))
     made = manifest.read(root, "tasks")
     figures = made.figures if made is not None else {}
+    if figures.get("tasks") and "from_playlists" in figures:
+        listed, every = figures["from_playlists"], figures["tasks"]
+        share = f"{100 * listed / every:.0f} % of {every:,} tasks"
+        sentences += (f"Playlists: the videos of {listed:,} ({share}) are listed by a playlist.",)
     rejected = figures.get("rejected", {}).get("judged", 0)
     if not (figures.get("judged") or rejected):
         return sentences
