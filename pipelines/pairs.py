@@ -16,7 +16,7 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.pairs import measures
-from kb.pairs.build import build, check
+from kb.pairs.build import build, required_keywords
 from kb.pairs.keywords import Keywords
 from kb.pairs.measures import VideoSample
 from kb.registry import PUBLISHED
@@ -32,7 +32,7 @@ from kb.youtube.parse.assemble import second_tracks
 
 def tables_needs(run: Run) -> None:
     """Raises UsageError without keywords, or the extra that matches them."""
-    check(run)
+    required_keywords(run)
 
 
 def tables(run: Run) -> Summary:
@@ -73,6 +73,6 @@ def plan_measure(run: Run, size: int) -> Summary:
 
 
 def _sample(run: Run, size: int) -> tuple[VideoSample, Keywords]:
-    keywords = check(run)
+    keywords = required_keywords(run)
     check_pairs(run.root)
     return measures.sampled(run.root, with_both(run), size, run.seed), keywords

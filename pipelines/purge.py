@@ -82,7 +82,7 @@ def _asked_for(
     """The rules of a source, and what the user named. Raises SettingError."""
     rules = SOURCES[source].purge_rules()
     listed = rules.read_ids(ids, None) if ids else None
-    return rules, listed, rules.people.read(people) if rules.people and people else None
+    return rules, listed, rules.people.read_people(people) if rules.people and people else None
 
 
 def _plan_summary(purge: steps.Purge, lines: Iterable[steps.PurgeLine]) -> Summary:

@@ -40,7 +40,7 @@ def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = No
     jobs = _jobs(run, folders, find_dumps(run, dumps).files, only)
     needed: tuple[str, ...] = ()
     for job in jobs:
-        needed = job.check(needed)
+        needed = job.check_settings(needed)
     run.settings.require(*needed)
     verify(run, folders)
     parts = Parts("restore", ROWS)

@@ -150,7 +150,7 @@ def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
     def sleep(seconds: float) -> None:
         with lock:
             ahead[0] += max(0.0, seconds)
-        signals.stop.check()
+        signals.stop.raise_if_asked()
 
     monkeypatch.setattr(clock, "monotonic", lambda: time.monotonic() + ahead[0])
     monkeypatch.setattr(clock, "sleep", sleep)

@@ -135,7 +135,7 @@ def _write(response: Any, part: Path, mode: str, task: Any) -> int:
     received = 0
     with full_disk_is_resumable(part), part.open(mode) as file:
         for piece in bounded.parts(response, most=MODEL_BYTES, seconds=MODEL_S):
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             file.write(piece)
             received += len(piece)
             task.advance(len(piece))

@@ -165,7 +165,7 @@ class Scores:
         """SQL of all rows."""
         files = parquet_files(Path(self.folder))
         if files:
-            parquet.check(*files)
+            parquet.verify_files(*files)
             return scan(files)
         columns = ", ".join(
             f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}"

@@ -157,7 +157,7 @@ class ToxicityScorer:
                 task.advance(
                     len(hashes), tokens_per_s=round(result["tokens"] / max(result["seconds"], 1e-9))
                 )
-                signals.stop.check()
+                signals.stop.raise_if_asked()
         if chunks.limited:
             raise LimitReached(
                 f"--limit: {scored} texts scored", hint="run the same command to resume"
@@ -165,7 +165,7 @@ class ToxicityScorer:
         return AnnotationCounts(chunks.texts, scored, chunks.texts - scored, exact)
 
 
-def check(run: Run, source: str) -> str:
+def model_key(run: Run, source: str) -> str:
     """Exit 2 now, before anything is written, when texts can't be scored; else the model's key for
     `scores`. Without a model it is that of the stored scores, where there are some.
 
@@ -184,7 +184,7 @@ def stored(root: Path, source: str) -> str:
     """The key of the model whose scores decided in clean/<source>, else of the one that has most
     scores; "" where there are none.
     """
-    made = manifest.read(root, f"clean/{source}")
+    made = manifest.read_manifest(root, f"clean/{source}")
     if made is not None and (key := made.settings.get(MODEL)):
         return str(key)
     return Scores(str(Layout(root).annotations(source)), "", "").most_used()
@@ -351,7 +351,7 @@ def score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
         def between() -> None:
             # A chunk of some seconds is finished; one long text may take minutes.
             if clock.monotonic() - start > HAND_S:
-                signals.stop.check()
+                signals.stop.raise_if_asked()
 
         scores = runner.score(texts, between)
         precisions = [job.precision] * len(texts)

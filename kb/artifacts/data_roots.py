@@ -47,8 +47,8 @@ def folders_in(path: Path) -> list[Path]:
             some = [Path(entry) for entry, _ in zip(entries, range(_MOST), strict=False)]
     except OSError:
         return []
-    folders = [one for one in some if one.name[0] != "." and _is_folder(one)]
-    return sorted(folders, key=lambda one: (one.name != "demo", one.name))
+    folders = [folder for folder in some if folder.name[0] != "." and _is_folder(folder)]
+    return sorted(folders, key=lambda folder: (folder.name != "demo", folder.name))
 
 
 def _is_folder(path: Path) -> bool:

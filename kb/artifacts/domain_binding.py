@@ -27,9 +27,9 @@ from kb.core.installation import PROFILE_FILE
 from kb.core.sources import SOURCES
 from kb.store import leftovers, lock
 from kb.store.atomic import write_bytes
+from kb.store.damage import read_note
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
-from kb.store.state import json_files
 
 
 class Remembered(msgspec.Struct, frozen=True):
@@ -51,10 +51,10 @@ def profile_of(root: Path) -> Path | None:
     restored = Layout(root).restored() / PROFILE_FILE
     if restored.is_file():
         return restored
-    return next((one.profile for one in Catalog(root).releases if one.profile), None)
+    return next((release.profile for release in Catalog(root).releases if release.profile), None)
 
 
-def check(root: Path, profile: Profile) -> None:
+def require_domain(root: Path, profile: Profile) -> None:
     """Raises OtherService when the data root holds data of another profile."""
     bound = remembered(root)
     if bound is not None and bound.name != profile.name:
@@ -91,7 +91,7 @@ def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
                 f"{bound.file}, the profile {bound.name!r} of {root}, is gone",
                 hint="name its new location with --profile FILE; the data root remembers it",
             )
-    check(root, profile)
+    require_domain(root, profile)
     return profile, message
 
 
@@ -102,7 +102,7 @@ def note(root: Path, profile: Profile) -> None:
     What another command of this moment has noted binds before anything is stored. Raises
     OtherService.
     """
-    check(root, profile)
+    require_domain(root, profile)
     recipes = _trusted(profile)
     for path, text in recipes.items():
         pipeline.remember(path, text)
@@ -145,7 +145,7 @@ def _keep(root: Path, profile: Profile, recipes: Mapping[Path, str]) -> None:
 
 
 def _note(root: Path, profile: Profile) -> None:
-    check(root, profile)
+    require_domain(root, profile)
     old = _read(root)
     if old is not None and old.name != profile.name and (pid := lock.another(root)):
         raise OtherService(
@@ -194,7 +194,7 @@ def note_if_stored(root: Path, profile: Profile) -> None:
 
 def _read(root: Path) -> Remembered | None:
     fix = "delete it, then name the profile once with --profile NAME|FILE"
-    return json_files.read(Layout(root).profile, Remembered, fix=fix)
+    return read_note(Layout(root).profile, Remembered, fix=fix)
 
 
 def _holds_data(root: Path) -> bool:
@@ -248,7 +248,7 @@ def bind_service(root: Path, source: str, **facts: str) -> None:
 def bound_services(root: Path, source: str) -> dict[str, str]:
     """What was noted of a source; empty when nothing was. Raises DamagedData."""
     fix = "delete it; the next crawl records its services again"
-    return json_files.read(Layout(root).identity(source), dict[str, str], fix=fix) or {}
+    return read_note(Layout(root).identity(source), dict[str, str], fix=fix) or {}
 
 
 def _host(value: str) -> str:

@@ -62,9 +62,9 @@ def settings(run: Run, name: str) -> dict[str, Any]:
     """
     artifact = ARTIFACTS[name]
     values = _values(run.profile, artifact.settings, artifact.other_settings)
-    for one in artifact.tables:  # a table that has other columns now is made again
-        columns = str(table(one).arrow()).encode()
-        values[f"schemas/{one}"] = hashlib.sha256(columns).hexdigest()[:12]
+    for made in artifact.tables:  # a table that has other columns now is made again
+        columns = str(table(made).arrow()).encode()
+        values[f"schemas/{made}"] = hashlib.sha256(columns).hexdigest()[:12]
     if artifact.maker is not None:
         values |= digests(run.profile, artifact.maker.recipe)
     return values
@@ -121,17 +121,19 @@ def _lines(path: Path) -> str:
     return " ".join(hashlib.sha256(line.encode()).hexdigest()[:12] for line in kept)
 
 
-def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
+def reasons(
+    run: Run, name: str, stale: Collection[str] = (), catalog: Catalog | None = None
+) -> list[str]:
     """Why an artifact has to be made again, [] where it is current. Of its inputs those in `stale`
-    count as changed. Raises DamagedData.
+    count as changed. `catalog` is that of the root, where it was read already. Raises DamagedData.
     """
     if name == RELEASE:
         return _release_reasons(run, stale)
     artifact, root = ARTIFACTS[name], run.root
-    catalog = Catalog(root.absolute())
+    catalog = catalog or Catalog(root.absolute())
     source = name.removeprefix("index/")
     place = index.home(root, source) if source != name else catalog.workplace
-    made = manifest.read(place, name)
+    made = manifest.read_manifest(place, name)
     if name == "release/open-text" and not run.profile.release.open_text:
         return ["release.open_text true → false"] if made or artifact.folder(root).exists() else []
     if made is None:
@@ -140,7 +142,7 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
     if not made.figures.get("complete", True):
         why.append("not finished")
     reads_texts = source != name or name == "links"
-    find = catalog.texts if reads_texts else partial(exported_files, root)
+    find = catalog.texts if reads_texts else partial(exported_files, catalog)
     for one in artifact.inputs:
         if one in stale:
             why.append(one)
@@ -163,7 +165,7 @@ def changes(made: Manifest, now: Mapping[str, Any]) -> list[str]:
         if now.get(key) != before.get(key) and (has_recipe or not key.endswith(".py"))
     ]
     if len(changed) > 1:  # what changed in it is named
-        changed = [one for one in changed if one != PROFILE_FILE]
+        changed = [path for path in changed if path != PROFILE_FILE]
     return changed + ([f"rules {made.rules} → {rules}"] if made.rules != rules else [])
 
 
@@ -174,7 +176,7 @@ def _unrecorded(made: Manifest) -> list[str]:
 
 def _change(key: str, before: Any, now: Any) -> str:
     if key.endswith(".tsv"):
-        old, new = (Counter(str(one or "").split()) for one in (before, now))
+        old, new = (Counter(str(text or "").split()) for text in (before, now))
         lines = max((new - old).total(), (old - new).total())
         return f"{key}, {lines} {'line' if lines == 1 else 'lines'}" if lines else f"{key}, order"
     if key.endswith(".py"):
@@ -183,8 +185,8 @@ def _change(key: str, before: Any, now: Any) -> str:
     if key == PROFILE_FILE or key.startswith("schemas/"):
         return key
     if isinstance(before, list) and isinstance(now, list):
-        more = [f"+{one}" for one in now if one not in before]
-        fewer = [f"−{one}" for one in before if one not in now]
+        more = [f"+{value}" for value in now if value not in before]
+        fewer = [f"−{value}" for value in before if value not in now]
         return f"{key} {_short(' '.join([*more, *fewer]) or 'in another order')}"
     return f"{key} {_shown(before)} → {_shown(now)}"
 
@@ -204,15 +206,15 @@ def _short(text: str) -> str:
 
 def note_described(run: Run, names: Iterable[str]) -> None:
     """Record what the descriptions of these release folders were made of. Raises DiskFull."""
-    made, now = manifest.read(run.root, RELEASE), _release_settings(run)
+    made, now = manifest.read_manifest(run.root, RELEASE), _release_settings(run)
     kept = made.inputs if made is not None and made.settings == now else {}
     inputs = kept | {f"release/{name}": _described_input(run.root, name) for name in names}
     place = ARTIFACTS[RELEASE].manifest(run.root)
-    manifest.write(place, Manifest(RELEASE, "kb release", "", inputs, now, 1))
+    manifest.write_manifest(place, Manifest(RELEASE, "kb release", "", inputs, now, 1))
 
 
 def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
-    made = manifest.read(run.root, RELEASE)
+    made = manifest.read_manifest(run.root, RELEASE)
     if made is None:
         return [NEVER_MADE]
     names = (*PUBLISHED, *filter(selection_of, selections(run.root)))
@@ -247,13 +249,13 @@ def _described_input(root: Path, name: str) -> str:
     """
     folder = Layout(root).release(name)
     parts = [str((folder / "SHA256SUMS").is_file())]
-    artifacts = [f"release/{name}", *(f"clean/{one}" for one in made_of(name)), "labels"]
+    artifacts = [f"release/{name}", *(f"clean/{source}" for source in made_of(name)), "labels"]
     if name in ARTIFACTS:
         artifacts.append(name)
-    for one in artifacts:
-        if (made := manifest.read(root, one)) is not None:
-            parts.append(f"{one} {manifest.digest_of_files(made)}")
-    parts += [str(tombstones.version(root, one)) for one in made_of(name)]
+    for artifact in artifacts:
+        if (made := manifest.read_manifest(root, artifact)) is not None:
+            parts.append(f"{artifact} {manifest.digest_of_files(made)}")
+    parts += [str(tombstones.version(root, source)) for source in made_of(name)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
@@ -307,18 +309,18 @@ def _is_possible(run: Run, name: str) -> bool:
         return False  # how large they are is said by an export alone
     if profile.pairs is None and maker is not None and maker.recipe in ("pairs", "links"):
         return False
-    return any(_has_rows(run, one) for one in sources_of(name))
+    return any(_has_rows(run, source) for source in sources_of(name))
 
 
 def lineage(name: str) -> set[str]:
     """An artifact and all artifacts that it is made of."""
-    above = [one for one in ARTIFACTS[name].inputs if one in ARTIFACTS]
+    above = [source for source in ARTIFACTS[name].inputs if source in ARTIFACTS]
     return {name}.union(*map(lineage, above))
 
 
 def sources_of(name: str) -> set[str]:
     """The sources that an artifact is made of."""
-    clean = (one.partition("/") for one in lineage(name))
+    clean = (table.partition("/") for table in lineage(name))
     return {source for kind, _, source in clean if kind == "clean"}
 
 
@@ -334,8 +336,9 @@ def plan(run: Run, names: Iterable[str]) -> Reasons:
     Raises DamagedData.
     """
     stale: Reasons = {}
+    catalog = Catalog(run.root.absolute())
     for name in names:
-        if why := reasons(run, name, stale):
+        if why := reasons(run, name, stale, catalog):
             stale[name] = why
     return stale
 
@@ -349,27 +352,27 @@ def stale(run: Run, *names: str) -> Reasons:
     wanted = set().union(*map(lineage, names))
     every = [name for name in _made_again() if name in wanted and _is_possible(run, name)]
     every += [f"release/{one}" for one in selections(run.root) if f"release/{one}" in wanted]
-    return plan(run, [name for name in every if manifest.read(run.root, name) is not None])
+    return plan(run, [name for name in every if manifest.read_manifest(run.root, name) is not None])
 
 
 def note_purged(run: Run, name: str) -> None:
     """Before a purge takes rows out of a selection and makes what it was selected from again: it is
     no reason to select again. What is out of date stays so. Raises DamagedData, DiskFull.
     """
-    made = manifest.read(run.root, name)
+    made = manifest.read_manifest(run.root, name)
     if made is not None and not reasons(run, name):
         marked = msgspec.structs.replace(made, inputs=dict.fromkeys(made.inputs, PURGED))
-        manifest.write(ARTIFACTS[name].manifest(run.root), marked)
+        manifest.write_manifest(ARTIFACTS[name].manifest(run.root), marked)
 
 
 def settle_purged(run: Run, name: str) -> None:
     """Record the inputs of a selection as they are after the purge. Raises DamagedData,
     DiskFull.
     """
-    made = manifest.read(run.root, f"release/{name}")
+    made = manifest.read_manifest(run.root, f"release/{name}")
     if made is not None and PURGED in made.inputs.values():
         settled = msgspec.structs.replace(made, inputs=manifest.inputs(run.root, made.artifact))
-        manifest.write(ARTIFACTS[made.artifact].manifest(run.root), settled)
+        manifest.write_manifest(ARTIFACTS[made.artifact].manifest(run.root), settled)
 
 
 def steps(outdated: Reasons) -> list[dict[str, Any]]:
@@ -384,7 +387,7 @@ def lines(outdated: Reasons) -> list[str]:
 
 def refuse(run: Run, *names: str) -> None:
     """Raises FatalError while one of these artifacts is out of date; a download never is."""
-    if any(manifest.read(run.root, name) is not None for name in names) and (
+    if any(manifest.read_manifest(run.root, name) is not None for name in names) and (
         outdated := stale(run, *names)
     ):
         first = next(iter(outdated))

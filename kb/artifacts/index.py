@@ -28,7 +28,7 @@ def home(root: Path, source: str) -> Path:
     if catalog.is_writable:
         return catalog.path
     places = [] if catalog.is_download else [catalog.cached, catalog.path]
-    return next((one for one in places if _is_current(catalog, one, source)), catalog.cached)
+    return next((place for place in places if _is_current(catalog, place, source)), catalog.cached)
 
 
 def folder(root: Path, source: str) -> Path:
@@ -38,7 +38,7 @@ def folder(root: Path, source: str) -> Path:
 
 def known(root: Path, source: str) -> manifest.Manifest | None:
     """What the index was made from; None where there is none. Raises DamagedData."""
-    return manifest.read(home(root, source), f"index/{source}")
+    return manifest.read_manifest(home(root, source), f"index/{source}")
 
 
 def is_current(root: Path, source: str) -> bool:
@@ -47,14 +47,14 @@ def is_current(root: Path, source: str) -> bool:
 
 
 def _is_current(catalog: Catalog, place: Path, source: str) -> bool:
-    made = manifest.read(place, f"index/{source}")
+    made = manifest.read_manifest(place, f"index/{source}")
     return made is not None and made.inputs == texts.inputs(catalog.path, f"index/{source}")
 
 
 def remove(root: Path, source: str) -> None:
     """Remove the index; no byte of it stays."""
     catalog = Catalog(root.absolute())
-    for place in (Layout(one).index(source) for one in (catalog.workplace, catalog.cached)):
+    for place in (Layout(root).index(source) for root in (catalog.workplace, catalog.cached)):
         (place / MANIFEST).unlink(missing_ok=True)  # from here on there is no index
         remove_path(place)
 
@@ -65,7 +65,7 @@ def remove_stale(root: Path, source: str) -> None:
         remove(root, source)
 
 
-def check(root: Path, source: str) -> None:
+def verify_index(root: Path, source: str) -> None:
     """Raises DamagedData for an index whose files are missing or differ from what was written.
 
     A large one is not read for that: `kb verify` does it.
@@ -102,4 +102,4 @@ def has_unknown_files(place: Path, known: manifest.Manifest) -> bool:
 
 def _files(place: Path) -> list[Path]:
     there = sorted(place.iterdir()) if place.is_dir() else []
-    return [one for one in there if one.name != MANIFEST and not one.name.startswith(".")]
+    return [path for path in there if path.name != MANIFEST and not path.name.startswith(".")]

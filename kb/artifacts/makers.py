@@ -30,8 +30,8 @@ from kb.core.errors import (
 )
 from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
-from kb.store import damage_note
 from kb.store.artifact_registry import ARTIFACTS, CHUNKS, RELEASE, exports_in
+from kb.store.damage import forget_damage, note_damage
 
 _NONE: Mapping[str, Any] = {}
 MADE, UNCHANGED, FAILED, LEFT_OUT = "made", "unchanged", "failed", "left out"
@@ -73,7 +73,7 @@ def obstacles(run: Run, outdated: Iterable[str]) -> list[Obstacle]:
     """What stands in the way of making these artifacts, each thing once: a recipe that may not run,
     a model, an extra, a wrong setting. A recipe says by `<function>_needs` what a function needs.
     """
-    found: dict[str, Obstacle] = {}
+    obstacles: dict[str, Obstacle] = {}
     for name in outdated:
         maker = ARTIFACTS[name].maker
         try:
@@ -84,8 +84,8 @@ def obstacles(run: Run, outdated: Iterable[str]) -> list[Obstacle]:
                 if needs is not None:
                     needs(run, *maker.arguments)
         except UsageError as error:
-            found.setdefault(str(error), Obstacle(error, [])).artifacts.append(name)
-    return list(found.values())
+            obstacles.setdefault(str(error), Obstacle(error, [])).artifacts.append(name)
+    return list(obstacles.values())
 
 
 def made_of_these(names: Iterable[str], outdated: Iterable[str]) -> set[str]:
@@ -100,7 +100,8 @@ def made_of_these(names: Iterable[str], outdated: Iterable[str]) -> set[str]:
 
 
 def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None) -> Summary:
-    """Make an artifact by its recipe; an export by default with the options that it was made with.
+    """Make an artifact by its recipe; an export and the report by default with the options that
+    they were made with.
     Returns the summary of its command.
 
     Files that are damaged are noted, so that a build makes them again. Raises SettingError for a
@@ -114,16 +115,19 @@ def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None)
     try:
         summary: Summary = make(run, *maker.arguments, **given)
     except DamagedData as error:
-        damage_note.add(run.root, error.paths)
+        note_damage(run.root, error.paths)
         raise
     if name != RELEASE:  # which describes the folders of other artifacts
-        damage_note.forget(run.root, ARTIFACTS[name].folder(run.root))
+        forget_damage(run.root, ARTIFACTS[name].folder(run.root))
     return summary
 
 
 def recorded_options(root: Path, name: str) -> dict[str, Any]:
-    """The options with which an export was made; none for one that was not. Raises DamagedData."""
-    made = manifest.read(root, name) if name.startswith("export/") else None
+    """The options with which an export or the report was made; none for one that was not, and for
+    other artifacts. Raises DamagedData.
+    """
+    has_options = name == "report" or name.startswith("export/")
+    made = manifest.read_manifest(root, name) if has_options else None
     options = dict(made.figures) if made is not None else {}
     if "tokenizer" in options and not Path(options["tokenizer"]).is_file():
         del options["tokenizer"]  # then words are counted
@@ -177,7 +181,7 @@ def make_outdated(run: Run, outdated: Reasons) -> Iterator[Outcome]:
         yield outcome
         if outcome.outcome == STOPPED:
             break
-    if left_out := [one.artifact for one in lost.values() if one.cause]:
+    if left_out := [outcome.artifact for outcome in lost.values() if outcome.cause]:
         run.progress.say(f"left out, as what they are made of failed: {', '.join(left_out)}")
 
 
@@ -188,9 +192,9 @@ def _made(
     lost: Mapping[str, Outcome],
     blocked: Mapping[str, KbError],
 ) -> Outcome:
-    for one in ARTIFACTS[name].inputs:
-        if one in lost:
-            return Outcome(name, why, LEFT_OUT, lost[one].error, lost[one].cause or one)
+    for source in ARTIFACTS[name].inputs:
+        if source in lost:
+            return Outcome(name, why, LEFT_OUT, lost[source].error, lost[source].cause or source)
     try:
         if not freshness.reasons(run, name):
             return Outcome(name, why, UNCHANGED)

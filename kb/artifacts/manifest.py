@@ -32,13 +32,13 @@ from typing import Any
 import msgspec
 
 from kb.core.sources import SOURCES
-from kb.store import damage, damage_note
+from kb.store import damage
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST, SUMS, artifact_of, of_table
 from kb.store.atomic import replacing_folder, write_bytes
+from kb.store.damage import noted_damage, read_note
 from kb.store.layout import Layout, parquet_files, rows_pattern
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.raw_files import raw_files
-from kb.store.state import json_files
 from kb.store.tables import checksums, parquet
 from kb.store.tables.checksums import FileEntry
 from kb.store.tables.parquet import content_digest
@@ -77,10 +77,10 @@ class Build:
     figures: dict[str, Any] = field(default_factory=dict)
 
 
-def read(root: Path, name: str) -> Manifest | None:
+def read_manifest(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact = ARTIFACTS[name]
-    return json_files.read(artifact.manifest(root), Manifest, fix=artifact.hint)
+    return read_note(artifact.manifest(root), Manifest, fix=artifact.hint)
 
 
 @contextlib.contextmanager
@@ -97,15 +97,15 @@ def replacing(
         yield build
         made = describe(name, fresh, build)
         if not artifact.public:
-            write(fresh / MANIFEST, made)
+            write_manifest(fresh / MANIFEST, made)
         else:  # until the folder is in its place, nothing is promised about its files
-            unknown = {one: FileEntry() for one in made.files}
-            write(
+            unknown = {file: FileEntry() for file in made.files}
+            write_manifest(
                 ARTIFACTS[name].manifest(root),
                 msgspec.structs.replace(made, inputs={}, files=unknown),
             )
     if artifact.public:
-        write(ARTIFACTS[name].manifest(root), made)
+        write_manifest(ARTIFACTS[name].manifest(root), made)
 
 
 def record(folder: Path, name: str) -> None:
@@ -114,7 +114,9 @@ def record(folder: Path, name: str) -> None:
 
     Remove the manifest before the files change. Raises DiskFull.
     """
-    write(folder / MANIFEST, describe(name, folder, Build(folder, {}, {}), parquet_files(folder)))
+    write_manifest(
+        folder / MANIFEST, describe(name, folder, Build(folder, {}, {}), parquet_files(folder))
+    )
 
 
 def describe(
@@ -122,13 +124,13 @@ def describe(
 ) -> Manifest:
     """The manifest of what lies in a folder, or of these files of it."""
     present = _files(folder) if present is None else present
-    files = {str(one.relative_to(folder)): one for one in present}
+    files = {str(path.relative_to(folder)): path for path in present}
     with ThreadPoolExecutor(_THREADS) as pool:
         entries = dict(zip(files, pool.map(entry_of, files.values()), strict=True))
-    return of(name, build.inputs, build.settings, entries, build.figures)
+    return new_manifest(name, build.inputs, build.settings, entries, build.figures)
 
 
-def of(
+def new_manifest(
     name: str,
     inputs: dict[str, str],
     settings: dict[str, Any],
@@ -142,7 +144,7 @@ def of(
     )
 
 
-def write(place: Path, manifest: Manifest) -> None:
+def write_manifest(place: Path, manifest: Manifest) -> None:
     """Write a manifest. Raises DiskFull."""
     write_bytes(place, msgspec.json.format(msgspec.json.encode(manifest), indent=1) + b"\n")
 
@@ -159,7 +161,9 @@ def write_vacant(root: Path, manifest: Manifest) -> None:
     artifact = ARTIFACTS[manifest.artifact]
     folder = artifact.folder(root)
     files = {} if artifact.public else {file.name: entry_of(file) for file in _files(folder)}
-    write(artifact.manifest(root), msgspec.structs.replace(manifest, inputs={}, files=files))
+    write_manifest(
+        artifact.manifest(root), msgspec.structs.replace(manifest, inputs={}, files=files)
+    )
 
 
 def vacant(root: Path) -> list[str]:
@@ -168,7 +172,7 @@ def vacant(root: Path) -> list[str]:
         name
         for name, artifact in ARTIFACTS.items()
         if artifact.maker
-        and (made := read(root, name)) is not None
+        and (made := read_manifest(root, name)) is not None
         and not made.inputs
         and made.files.keys() <= set(artifact.kept_files)
     ]
@@ -188,7 +192,9 @@ def editing(root: Path, *names: str) -> Iterator[None]:
     Cut off, they promise nothing about the content of any file, and the next `editing` reads all of
     them. Call it under the artifacts' locks.
     """
-    before = {name: (read(root, name), _stamps(ARTIFACTS[name].folder(root))) for name in names}
+    before = {
+        name: (read_manifest(root, name), _stamps(ARTIFACTS[name].folder(root))) for name in names
+    }
     for manifest, _ in before.values():
         if manifest is not None:
             _write_entries(root, manifest, dict.fromkeys(manifest.files, FileEntry()))
@@ -199,26 +205,26 @@ def editing(root: Path, *names: str) -> Iterator[None]:
         folder = ARTIFACTS[name].folder(root)
         now = _stamps(folder)
         entries = {}
-        for one, entry in manifest.files.items():
-            if one in now and (not entry.sha256 or stamps.get(one) != now[one]):
-                entries[one] = entry_of(folder / one)
-            elif one in now or one not in stamps:  # what was lost before stays known as missing
-                entries[one] = entry
-        for one in now.keys() - manifest.files.keys():
-            if stamps.get(one) != now[one]:
-                entries[one] = entry_of(folder / one)
+        for file, entry in manifest.files.items():
+            if file in now and (not entry.sha256 or stamps.get(file) != now[file]):
+                entries[file] = entry_of(folder / file)
+            elif file in now or file not in stamps:  # what was lost before stays known as missing
+                entries[file] = entry
+        for file in now.keys() - manifest.files.keys():
+            if stamps.get(file) != now[file]:
+                entries[file] = entry_of(folder / file)
         _write_entries(root, manifest, entries)
 
 
 def _write_entries(root: Path, manifest: Manifest, files: dict[str, FileEntry]) -> None:
-    write(
+    write_manifest(
         ARTIFACTS[manifest.artifact].manifest(root), msgspec.structs.replace(manifest, files=files)
     )
 
 
 def _stamps(folder: Path) -> dict[str, tuple[int, int, int]]:
     """Inode, size and time of change of each file in a folder."""
-    files = {str(one.relative_to(folder)): one.stat() for one in _files(folder)}
+    files = {str(path.relative_to(folder)): path.stat() for path in _files(folder)}
     return {name: (it.st_ino, it.st_size, it.st_mtime_ns) for name, it in files.items()}
 
 
@@ -242,11 +248,11 @@ def check_folder(folder: Path) -> None:
     of a data root, a release folder or any other with numbered shards.
     """
     match = artifact_of(folder)
-    lost = [folder / one for one in siblings(one.name for one in parquet_files(folder))]
-    lost = [one for one in lost if not one.exists()]
+    lost = [folder / shard for shard in siblings(path.name for path in parquet_files(folder))]
+    lost = [path for path in lost if not path.exists()]
     if match is not None:
         root, artifact = match
-        lost += [one for one in missing(root, artifact.name) if one.parent == folder]
+        lost += [path for path in missing(root, artifact.name) if path.parent == folder]
     if lost:
         raise damage.missing(sorted(lost))
 
@@ -255,30 +261,30 @@ def missing(root: Path, name: str) -> list[Path]:
     """Files of an artifact, or of one declared table in it, that were written and are not there."""
     is_artifact = name in ARTIFACTS
     artifact = ARTIFACTS[name] if is_artifact else of_table(name)
-    folder, manifest = artifact.folder(root), read(root, artifact.name)
-    written = {folder / one for one in (manifest.files if manifest is not None else ())}
+    folder, manifest = artifact.folder(root), read_manifest(root, artifact.name)
+    written = {folder / file for file in (manifest.files if manifest is not None else ())}
     at = Layout(root)
     if not artifact.public:
         for table in artifact.tables if is_artifact else (name,):
             there = at.rows(table)
-            written |= {one.with_name(shard) for one in there for shard in siblings([one.name])}
+            written |= {path.with_name(shard) for path in there for shard in siblings([path.name])}
     if not is_artifact:
         pattern = str(at.table(name) / rows_pattern(name))
-        written = {one for one in written if one.match(pattern)}
-    return sorted(one for one in written if not one.is_file())
+        written = {path for path in written if path.match(pattern)}
+    return sorted(path for path in written if not path.is_file())
 
 
 def damaged(root: Path, name: str) -> list[str]:
     """What is wrong with the files of an artifact, by their names and sizes and by what commands
     have noted. Raises DamagedData for its manifest.
     """
-    folder, manifest = ARTIFACTS[name].folder(root), read(root, name)
+    folder, manifest = ARTIFACTS[name].folder(root), read_manifest(root, name)
     what = dict.fromkeys(missing(root, name), "is missing")
     for file, entry in manifest.files.items() if manifest is not None else ():
         path = folder / file
         if path not in what and entry.sha256 and path.stat().st_size != entry.size:
             what[path] = "is damaged"
-    for path in damage_note.paths(root, folder):
+    for path in noted_damage(root, folder):
         what.setdefault(path, "is damaged")
     return [f"{path.name} {why}" for path, why in what.items()]
 
@@ -301,7 +307,7 @@ def inputs(
     """The digests of an artifact's inputs as they are now. `files` finds the files of a table, when
     they are not those of the data root. Raises DamagedData for a lost file.
     """
-    return {one: input_digest(root, name, one, files) for one in ARTIFACTS[name].inputs}
+    return {source: input_digest(root, name, source, files) for source in ARTIFACTS[name].inputs}
 
 
 def input_digest(
@@ -320,10 +326,14 @@ def input_digest(
             if file.name != SUMS and file.parent.name not in samples
         )
     artifact, find = ARTIFACTS[name], files or partial(rows, root)
-    if artifact.every_file and (made := read(root, of)) is not None:
+    if artifact.every_file and (made := read_manifest(root, of)) is not None:
         return digest_of_files(made)
-    wanted = [one for one in ARTIFACTS[of].tables if one in artifact.reads or not artifact.reads]
-    paths = {f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in find(one)}
+    wanted = [
+        table for table in ARTIFACTS[of].tables if table in artifact.reads or not artifact.reads
+    ]
+    paths = {
+        f"{table.partition('/')[2]}/{file.name}": file for table in wanted for file in find(table)
+    }
     return _digest(f"{name} {content_digest(file)}" for name, file in paths.items())
 
 
@@ -339,7 +349,7 @@ def _digest(lines: Iterable[str]) -> str:
 def _files(folder: Path) -> list[Path]:
     """Every file of an artifact but its manifest; hidden ones are on their way."""
     return [
-        one
-        for one in sorted(files_below(folder, strict=False))
-        if one.name != MANIFEST and not one.name.startswith(".")
+        path
+        for path in sorted(files_below(folder, strict=False))
+        if path.name != MANIFEST and not path.name.startswith(".")
     ]

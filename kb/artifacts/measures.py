@@ -16,9 +16,9 @@ from kb.artifacts import manifest
 from kb.core.errors import FatalError
 from kb.core.summary import share_of
 from kb.store.atomic import write_bytes
+from kb.store.damage import read_note
 from kb.store.layout import Layout
 from kb.store.lock import writer
-from kb.store.state import json_files
 from kb.store.tables import database
 from kb.store.tables.reading import scan
 
@@ -34,7 +34,7 @@ def read_measures(folder: Path) -> dict[str, Any]:
     Raises DamagedData.
     """
     fix = "remove it, then run `kb pairs measure` again"
-    sections: dict[str, Any] | None = json_files.read(folder / FILE, dict[str, Any], fix=fix)
+    sections: dict[str, Any] | None = read_note(folder / FILE, dict[str, Any], fix=fix)
     return sections or {}
 
 
@@ -53,7 +53,7 @@ def write_measure(root: Path, name: str, section: dict[str, Any]) -> Path:
 
 def write_measures(folder: Path, sections: dict[str, Any]) -> Path:
     """Write all sections into a folder of pairs. Returns the file. Raises DiskFull."""
-    ordered = {one: sections[one] for one in sorted(sections)}
+    ordered = {name: sections[name] for name in sorted(sections)}
     encoded = msgspec.json.format(msgspec.json.encode(ordered), indent=1)
     write_bytes(folder / FILE, encoded + b"\n")
     return folder / FILE
@@ -61,7 +61,7 @@ def write_measures(folder: Path, sections: dict[str, Any]) -> Path:
 
 def check_pairs(root: Path) -> None:
     """Raises FatalError where no pairs were made."""
-    if manifest.read(root, "pairs") is None:
+    if manifest.read_manifest(root, "pairs") is None:
         raise FatalError("there are no pairs", hint="run `kb pairs` first")
 
 

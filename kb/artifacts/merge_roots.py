@@ -42,7 +42,7 @@ def merge(run: Run, others: Sequence[Path]) -> Summary:
     list (`Layout.purge`). Raises SettingError, OtherService and WriterLocked before
     anything is written; DiskFull.
     """
-    roots = [existing(one).resolve() for one in others]
+    roots = [existing(root).resolve() for root in others]
     for root in roots:
         if root == run.root.resolve() or roots.count(root) > 1:
             raise SettingError(f"{root} is named twice", hint="name each data root once")
@@ -88,7 +88,7 @@ def _begin_purge(root: Path, source: str) -> bool:
     """List what was purged on any machine as a purge that is not finished: what another machine
     brings may hold it. False where there is nothing, or such a list already.
     """
-    keys = tombstones.read(root, source).select(["key", "reason"]).to_pylist()
+    keys = tombstones.tombstone_rows(root, source).select(["key", "reason"]).to_pylist()
     path = Layout(root).purge(source)
     if not keys or path.exists():
         return False
@@ -101,7 +101,7 @@ def _check(run: Run, roots: Sequence[Path]) -> None:
     hosts: dict[tuple[str, str], tuple[Path, str]] = {}
     keys: dict[tuple[str, str], Path] = {}
     for root in (run.root, *roots):
-        domain_binding.check(root, run.profile)
+        domain_binding.require_domain(root, run.profile)
         for source in SOURCES:
             for name, value in domain_binding.bound_services(root, source).items():
                 first, known = hosts.setdefault((source, name), (root, value))
@@ -112,7 +112,7 @@ def _check(run: Run, roots: Sequence[Path]) -> None:
                     )
             for mark in Layout(root).key_marks(source):
                 keys[source, mark.name] = root
-            of_source = [(name, at) for (one, name), at in keys.items() if one == source]
+            of_source = [(name, at) for (owner, name), at in keys.items() if owner == source]
             if len(of_source) > 1:
                 raise OtherService(
                     f"the authors of {of_source[0][1]} and {of_source[1][1]} were hashed with two"
@@ -142,7 +142,7 @@ def _bring(path: Path, root: Path, home: Path) -> dict[str, int]:
         size, place = frames.good, place.with_name(rawlog.base_name(path))
     if not size and path.suffix != ".sha256":
         return {"present": 1}
-    there = next((one for one in (place, Path(f"{place}.open")) if one.exists()), None)
+    there = next((path for path in (place, Path(f"{place}.open")) if path.exists()), None)
     if there is not None:
         known = there.stat().st_size
         common = min(known, size)

@@ -49,7 +49,7 @@ class PartedBuild(NamedTuple):
     build: Build
     folder: Path
 
-    def make(
+    def make_parts(
         self,
         parts: Sequence[Part],
         make_part: Callable[..., dict[str, int]],

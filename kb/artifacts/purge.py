@@ -42,10 +42,11 @@ from kb.core.sources import PUBLISHED
 from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of, selections
 from kb.store.atomic import remove_path, write_bytes
+from kb.store.damage import read_note
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.rawlog import Envelope
-from kb.store.state import json_files, tombstones
+from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.store.state.tombstones import PERSON
 from kb.store.tables import partition
@@ -175,16 +176,16 @@ class Purge:
         """The keys of which the data root has something, or had before an interruption."""
         return {key for key in self.keys if key not in self.absent}
 
-    def find(self) -> None:
+    def find_keys(self) -> None:
         """Find what is to be removed, with what an interrupted purge left."""
         # What an interrupted purge found out can't be found out again.
         self.note = unfinished(self.root, self.rules.source)
         self.keys = left = self.note.keys
         theirs = people(self, self.rules.people, self.asked) if self.rules.people else {}
         self.keys = left | theirs
-        found = self.rules.find(self) | theirs | left
-        self.absent = {key: why for key, why in found.items() if why in ABSENT}
-        self.keys = {key: NAMED if why in ABSENT else why for key, why in found.items()}
+        reasons = self.rules.find(self) | theirs | left
+        self.absent = {key: why for key, why in reasons.items() if why in ABSENT}
+        self.keys = {key: NAMED if why in ABSENT else why for key, why in reasons.items()}
 
     def begin(self) -> None:
         """Write the note of the purge, then tombstones of its keys."""
@@ -192,7 +193,7 @@ class Purge:
             self.note.keys = self.keys | self.absent
             _write_note(self.keys_file, self.note)
         if self.keys and not self.dry:
-            tombstones.add(self.root, self.rules.source, self.keys.items())
+            tombstones.add_tombstones(self.root, self.rules.source, self.keys.items())
         if self.keys:
             find_names = self.rules.answers.names
             names = find_names(self) if find_names else {}
@@ -237,7 +238,7 @@ class Purge:
 def unfinished(root: Path, source: str) -> PurgeNote:
     """The note of an interrupted purge, an empty one if there is none. Raises DamagedData."""
     hint = f"delete it, then run `kb purge {source}` again"
-    return json_files.read(Layout(root).purge(source), PurgeNote, fix=hint) or PurgeNote({})
+    return read_note(Layout(root).purge(source), PurgeNote, fix=hint) or PurgeNote({})
 
 
 def note_keys(root: Path, source: str, keys: Mapping[str, str]) -> None:
@@ -261,7 +262,7 @@ def finish(purge: Purge) -> None:
         if not (root / name).exists():
             write_bytes(root / name, text.encode())
     for name, made in note.manifests.items():
-        if manifest.read(root, name) is None:
+        if manifest.read_manifest(root, name) is None:
             manifest.write_vacant(root, made)
     with lock.writer(root, source):
         frontier = Frontier(Layout(root).state(source))
@@ -283,7 +284,7 @@ def answers(purge: Purge) -> Iterator[PurgeLine]:
     source = purge.rules.source
     for path, starts in purge.changes.items():
         if starts and not purge.dry:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             place = path.parent.name, rawlog.base_name(path)
             # A shorter segment than the state knows would count as lost. Killed here, the same
             # command reads it again.
@@ -309,7 +310,7 @@ class SegmentScan(NamedTuple):
 
 def scan_segment(segment: str, rules: PurgeRules, keys_file: str, names: Names) -> SegmentScan:
     """What a purge finds in a segment. Runs in a worker. Raises DamagedData."""
-    path, found, sought = Path(segment), SegmentScan([], set(), set()), defaultdict(set)
+    path, scanned, sought = Path(segment), SegmentScan([], set(), set()), defaultdict(set)
     keys, matches = _keys(keys_file, rules, names)
     for key in (key for key, why in keys.items() if why == UNKNOWN):
         for text in rules.answers.texts([key]) or ():
@@ -317,17 +318,17 @@ def scan_segment(segment: str, rules: PurgeRules, keys_file: str, names: Names) 
 
     def strip(envelope: Envelope) -> Envelope | None:
         if rules.answers.repeats:
-            found.repeats.update(rules.answers.repeats(envelope, keys))
+            scanned.repeats.update(rules.answers.repeats(envelope, keys))
         return rules.strip(path.parent.name, envelope, {**names, "": keys})
 
     with partition.without_collecting():
         for start, line, envelope in purge_raw.changed_frames(path, matches, strip):
-            found.starts.append(start)
+            scanned.starts.append(start)
             named = (sought[text] for text in matches.texts(line) if text in sought)
-            for key in set().union(*named) - found.present if sought else ():
+            for key in set().union(*named) - scanned.present if sought else ():
                 if rules.strip(path.parent.name, envelope, {"": {key}}) is not envelope:
-                    found.present.add(key)
-    return found
+                    scanned.present.add(key)
+    return scanned
 
 
 def _keys(file: str, rules: PurgeRules, names: Names) -> tuple[dict[str, str], Matcher]:
@@ -374,7 +375,7 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
         artifact = ARTIFACTS[name]
         made = Manifest(name) if artifact.folder(root).exists() and name != RELEASE else None
         with suppress(DamagedData):  # then nobody knows how it was made
-            made = manifest.read(root, name) or made
+            made = manifest.read_manifest(root, name) or made
         if made is not None:
             note.manifests[name] = manifest.without_files(made)
             linked += _behind_links(artifact.folder(root), made.files)

@@ -70,7 +70,7 @@ class PeopleRules:
     marks: Callable[[Purge, str], tuple[str, ...]]
     find: Callable[[Purge, frozenset[str]], Iterable[Theirs]]
 
-    def read(self, path: Path) -> PeopleList:
+    def read_people(self, path: Path) -> PeopleList:
         """The people that a file names, one a line; empty lines and those with # are comments.
 
         Raises SettingError where it names nobody. No message has a word of the file, or its name.
@@ -121,12 +121,12 @@ def people(purge: Purge, rules: PeopleRules, listed: PeopleList | None) -> dict[
     seen = set()
     others = defaultdict[str, set[str]](set)
     others[MARK] |= marks
-    for one in rules.find(purge, marks) if marks else ():
-        seen.add(one.mark)
-        if one.of:
-            others[one.of].add(one.name)
+    for item in rules.find(purge, marks) if marks else ():
+        seen.add(item.mark)
+        if item.of:
+            others[item.of].add(item.name)
         else:
-            theirs[one.name] = NAMED
+            theirs[item.name] = NAMED
     purge.other_names = dict(others)
     for first, all_of_them in asked.items():
         here = seen & all_of_them

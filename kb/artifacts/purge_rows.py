@@ -101,16 +101,20 @@ def drop_rows(
 
     Raises DamagedData, DiskFull.
     """
-    by_table = sorted(dict.fromkeys(locations), key=lambda one: (one.folder, one.table))
-    values = {one.prefix: one.values(keys) for one in by_table}
+    by_table = sorted(
+        dict.fromkeys(locations), key=lambda location: (location.folder, location.table)
+    )
+    values = {location.prefix: location.values(keys) for location in by_table}
     # Reading and compressing release the interpreter lock.
     with make_threads(default_workers()) as pool:
-        for (folder, table), group in groupby(by_table, key=lambda one: (one.folder, one.table)):
+        for (folder, table), group in groupby(
+            by_table, key=lambda location: (location.folder, location.table)
+        ):
             same = tuple(group)  # a table may name keys in several columns
-            columns = list(dict.fromkeys(name for one in same for name in one.columns))
+            columns = list(dict.fromkeys(name for location in same for name in location.columns))
 
             def is_kept(rows: pa.RecordBatch, same: Any = same) -> pa.Array[Any]:
-                masks = [one.matches(rows, values[one.prefix]) for one in same]
+                masks = [location.matches(rows, values[location.prefix]) for location in same]
                 return cast("pa.Array[Any]", pc.invert(reduce(pc.or_, masks)))
 
             drop = partial(keep_rows, table=table, columns=columns, is_kept=is_kept, dry=dry)
@@ -159,6 +163,6 @@ def keep_rows(
             with ShardWriter(path, table, released=is_released, in_order=True) as writer:
                 for batch in file.iter_batches():
                     rows = batch.filter(mask.slice(start, batch.num_rows))
-                    writer.write(with_nulls(pa.Table.from_batches([rows]), schema))
+                    writer.add_rows(with_nulls(pa.Table.from_batches([rows]), schema))
                     start += batch.num_rows
     return removed

@@ -106,7 +106,7 @@ class ReleaseFolder:
                     pass
         return mine.get(PROFILE_FILE)
 
-    def check(self) -> None:
+    def require_tables(self) -> None:
         """Raises DamagedData for a table's file that is not there, and for one that is a link which
         SHA256SUMS does not describe.
         """
@@ -133,7 +133,7 @@ def recognise(folder: Path) -> ReleaseFolder | None:
     names = [path.name for path in folder.glob("*.parquet")]
     for some in (names, sums(folder)[0]):
         if sources := sources_of(some):
-            return read(folder, sources.pop()) if len(sources) == 1 else None
+            return read_release_folder(folder, sources.pop()) if len(sources) == 1 else None
     return None
 
 
@@ -147,7 +147,7 @@ def sources_of(names: Iterable[str]) -> set[str]:
     return {declared.source for declared in map(released_table, names) if declared}
 
 
-def read(folder: Path, source: str) -> ReleaseFolder:
+def read_release_folder(folder: Path, source: str) -> ReleaseFolder:
     """A source's folder as it is on disk; without data where it does not exist."""
     own = _own(folder)
     parts = tuple(
@@ -215,11 +215,11 @@ def entries(folder: Path) -> list[Path]:
 
 def _own(folder: Path) -> list[Path]:
     """The entries that are part of a release: of links, those that SHA256SUMS describes."""
-    found = entries(folder)
-    if not any(file.is_symlink() for file in found):
-        return found
+    there = entries(folder)
+    if not any(file.is_symlink() for file in there):
+        return there
     described = sums(folder)[0]
-    return [file for file in found if not file.is_symlink() or file.name in described]
+    return [file for file in there if not file.is_symlink() or file.name in described]
 
 
 def sums(folder: Path) -> tuple[dict[str, str], int]:

@@ -34,12 +34,12 @@ class RemoteTable:
     def dataset(self) -> ds.Dataset:
         """All rows, read when they are asked for. Raises DamagedData as `check`, FatalError."""
         if TOMBSTONES in self.names:
-            rows = self.folder.read(TOMBSTONES)
+            rows = self.folder.read_file(TOMBSTONES)
             return ds.dataset(parse_tombstones(rows, f"{self.folder}/{TOMBSTONES}"))
-        self.check()
+        self.verify_footers()
         return self.folder.dataset(self.names)
 
-    def check(self) -> None:
+    def verify_footers(self) -> None:
         """Raises DamagedData where the footer of a shard says that columns or numbers are not as
         declared; to read all numbers would be to download the release.
         """
@@ -66,14 +66,16 @@ class RemoteTable:
 
 
 def _check(place: str, declared: Table, footer: pq.FileMetaData) -> None:
-    again = "publish it again"
+    hint = "publish it again"
     for _, what in column_problems(declared, footer.schema.to_arrow_schema(), released=True):
-        raise unreadable(place, what, again)
-    numbers = {one.name: one for one in declared.columns if one.released and one.range}
+        raise unreadable(place, what, hint)
+    numbers = {
+        column.name: column for column in declared.columns if column.released and column.range
+    }
     for group in map(footer.row_group, range(footer.num_row_groups)):
         for chunk in map(group.column, range(group.num_columns)):
             known, column = chunk.statistics, numbers.get(chunk.path_in_schema)
             if column is None or known is None or not known.has_min_max:
                 continue
             if what := value_problem(column, pa.array([known.min, known.max])):
-                raise unreadable(place, what, again)
+                raise unreadable(place, what, hint)

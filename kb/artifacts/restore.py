@@ -54,22 +54,24 @@ class WantedContent(NamedTuple):
     folders: Sequence[ReleaseFolder]
     dumps: Sequence[Path] = ()
 
-    def of(self, source: str) -> list[ReleaseFolder]:
+    def folders_of(self, source: str) -> list[ReleaseFolder]:
         """The chosen folders of a source."""
-        return [one for one in self.chosen if one.source == source]
+        return [folder for folder in self.chosen if folder.source == source]
 
     def removed(self, *sources: str) -> set[str]:
         """Keys that the releases of these sources list as removed. Raises DamagedData."""
-        return {key for one in self.folders if one.source in sources for key in one.removed()}
+        return {
+            key for folder in self.folders if folder.source in sources for key in folder.removed()
+        }
 
 
 def choose(folders: Sequence[ReleaseFolder], only: str | None) -> WantedContent:
     """The folders of the source `only`, or all of them. Raises SettingError."""
-    chosen = [one for one in folders if only is None or one.source == only]
+    chosen = [folder for folder in folders if only is None or folder.source == only]
     if only and not chosen:
         raise SettingError(
             f"--only {only}: none of the folders belongs to {only}",
-            hint=f"they belong to {', '.join(sorted({one.source for one in folders}))}",
+            hint=f"they belong to {', '.join(sorted({folder.source for folder in folders}))}",
         )
     return WantedContent(chosen, folders)
 
@@ -81,7 +83,7 @@ class RestoreJob(Protocol):
     def wanted(self) -> bool:
         """Whether the release folders name any of it."""
 
-    def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
+    def check_settings(self, needed: tuple[str, ...]) -> tuple[str, ...]:
         """`needed` and the settings of this job. Raises SettingError, MissingCredential."""
 
     def plan(self) -> PlanPart:
@@ -151,16 +153,16 @@ class RestoreFolder:
 
     def settle(self) -> None:
         """Finish or undo the replacement of a table that a killed run had begun."""
-        for one in self.tables:
-            settle_folder(self.path / one.declared.short)
+        for restored in self.tables:
+            settle_folder(self.path / restored.declared.short)
 
     def counts(self) -> dict[str, int]:
         """Rows of each table. Raises DamagedData."""
         sums = {}
-        for one in self.tables:
-            files = parquet_files(self.path / one.declared.short)
+        for restored in self.tables:
+            files = parquet_files(self.path / restored.declared.short)
             with reading(files):
-                sums[one.declared.short] = sum(parquet.footer(path).num_rows for path in files)
+                sums[restored.declared.short] = sum(parquet.footer(path).num_rows for path in files)
         return sums
 
     def buckets(self, expected: int) -> int:
@@ -208,24 +210,26 @@ class RestoreFolder:
         before = self.missing()
         self._partition(scratch, buckets)
         final_before, final_now = _final(before), _final(reasons)
-        purged = _final({key: one for key, one in reasons.items() if one.at == FOREVER})
+        purged = _final({key: reason for key, reason in reasons.items() if reason.at == FOREVER})
         with ExitStack() as folders:
             made = {
-                one.name: folders.enter_context(replacing_folder(self.path / one.declared.short))
-                for one in reversed(self.tables)  # they are replaced in the opposite order
+                restored.name: folders.enter_context(
+                    replacing_folder(self.path / restored.declared.short)
+                )
+                for restored in reversed(self.tables)  # they are replaced in the opposite order
             }
-            counts = {one.declared.short: 0 for one in self.tables}
+            counts = {restored.declared.short: 0 for restored in self.tables}
             for bucket in range(buckets):
                 rows = {}
-                for one in self.tables:
-                    fresh = _without(_fresh(one, scratch, bucket), one, purged)
-                    old = _restored(one, scratch, bucket, fresh)
+                for restored in self.tables:
+                    fresh = _without(_fresh(restored, scratch, bucket), restored, purged)
+                    old = _restored(restored, scratch, bucket, fresh)
                     if not newer:
-                        fresh = _without(fresh, one, final_before, unless_later=True)
-                    old = _without(old, one, final_now, unless_later=not newer)
+                        fresh = _without(fresh, restored, final_before, unless_later=True)
+                    old = _without(old, restored, final_now, unless_later=not newer)
                     by = ["fetched_at"] if "fetched_at" in fresh.column_names else []
-                    key = [*one.declared.key]
-                    rows[one.name] = newest(pa.concat_tables([old, fresh]), key, by)
+                    key = [*restored.declared.key]
+                    rows[restored.name] = newest(pa.concat_tables([old, fresh]), key, by)
                 for name, merged in finish(rows).items():
                     if merged.num_rows or not bucket:  # the first part exists even without rows
                         write_table(made[name] / f"part-{bucket:05d}.parquet", merged, name)
@@ -237,14 +241,14 @@ class RestoreFolder:
 
     def _partition(self, scratch: Path, buckets: int) -> None:
         """Restored rows → `scratch/<bucket>/old-<table>.arrow`, by group."""
-        for one in self.tables:
-            short = one.declared.short
+        for restored in self.tables:
+            short = restored.declared.short
             parts = parquet_files(self.path / short)
             with Shuffle(scratch, f"old-{short}", buckets) as shuffle, reading(parts):
                 for path in parts:
                     for batch in parquet.open_file(path).iter_batches(_BATCH):
                         rows = pa.Table.from_batches([batch])
-                        shuffle.write(rows, rows[self.group])
+                        shuffle.add_rows(rows, rows[self.group])
 
     def _missing_rows(
         self,
@@ -261,21 +265,24 @@ class RestoreFolder:
         with parquet.writing(path, pa.schema([("key", pa.string())])) as file:
             while part := list(islice(names, _IDS)):
                 file.write_batch(pa.record_batch({"key": pa.array(part, pa.string())}))
-        present = {one: [str(file) for file in made[one.name].iterdir()] for one in self.tables}
+        present = {
+            restored: [str(file) for file in made[restored.name].iterdir()]
+            for restored in self.tables
+        }
         rows = " UNION ALL ".join(
-            f"SELECT '{one.prefix}' || {one.declared.key[0]} AS key FROM read_parquet(${number})"
-            for number, one in enumerate(present, 2)
+            f"SELECT '{kept.prefix}' || {kept.declared.key[0]} AS key FROM read_parquet(${number})"
+            for number, kept in enumerate(present, 2)
         )
-        times = [None if one.at == FOREVER else one.at for one in reasons.values()]
+        times = [None if reason.at == FOREVER else reason.at for reason in reasons.values()]
         known = pa.table(
             {
                 "key": pa.array(reasons.keys(), pa.string()),
-                "reason": pa.array([one.reason for one in reasons.values()], pa.string()),
+                "reason": pa.array([reason.reason for reason in reasons.values()], pa.string()),
                 "said_at": pa.array(times, pa.timestamp("us", "UTC")),
                 "listed": pa.array([key not in unlisted for key in reasons], pa.bool_()),
             }
         )
-        files = [path, *(Path(file) for one in present.values() for file in one)]
+        files = [path, *(Path(file) for paths in present.values() for file in paths)]
         with database.over(files, scratch, memory="1GB") as con:
             con.register("reasons", known)
             lost: pa.Table = con.sql(
@@ -301,20 +308,20 @@ class RestoreFolder:
         )
 
 
-def _fresh(one: RestoredTable, scratch: Path, bucket: int) -> pa.Table:
+def _fresh(restored: RestoredTable, scratch: Path, bucket: int) -> pa.Table:
     """The new rows of a bucket."""
-    path = fresh_rows(scratch, bucket, one.declared.short)
+    path = fresh_rows(scratch, bucket, restored.declared.short)
     if not path.exists():
-        return one.declared.arrow().empty_table()
+        return restored.declared.arrow().empty_table()
     with pa.ipc.open_file(str(path)) as file:
         return file.read_all()
 
 
-def _restored(one: RestoredTable, scratch: Path, bucket: int, like: pa.Table) -> pa.Table:
+def _restored(restored: RestoredTable, scratch: Path, bucket: int, like: pa.Table) -> pa.Table:
     """The rows of a bucket that earlier runs restored, with the columns of `like`: null where an
     older version did not have one yet.
     """
-    path = scratch / str(bucket) / f"old-{one.declared.short}.arrow"
+    path = scratch / str(bucket) / f"old-{restored.declared.short}.arrow"
     if not path.exists():
         return like.slice(0, 0)
     with pa.ipc.open_file(str(path)) as file:
@@ -326,18 +333,18 @@ def _restored(one: RestoredTable, scratch: Path, bucket: int, like: pa.Table) ->
 
 def _final(reasons: Reasons) -> pa.Table:
     """Names with a final reason, and its time."""
-    rows = [(key, one.at) for key, one in reasons.items() if one.final]
+    rows = [(key, reason.at) for key, reason in reasons.items() if reason.final]
     times = pa.array([at for _, at in rows], pa.timestamp("us", "UTC"))
     return pa.table({"key": pa.array([key for key, _ in rows], pa.string()), "at": times})
 
 
 def _without(
-    rows: pa.Table, one: RestoredTable, final: pa.Table, *, unless_later: bool = False
+    rows: pa.Table, restored: RestoredTable, final: pa.Table, *, unless_later: bool = False
 ) -> pa.Table:
     """The rows without a final reason; with `unless_later` also those read after it was given."""
-    named = final.filter(pc.starts_with(final["key"], one.prefix))
-    keys = pc.utf8_slice_codeunits(named["key"], len(one.prefix)).combine_chunks()
-    place = pc.index_in(rows[one.declared.key[0]].cast(pa.string()), value_set=keys)
+    named = final.filter(pc.starts_with(final["key"], restored.prefix))
+    keys = pc.utf8_slice_codeunits(named["key"], len(restored.prefix)).combine_chunks()
+    place = pc.index_in(rows[restored.declared.key[0]].cast(pa.string()), value_set=keys)
     kept = pc.is_null(place)
     if unless_later:
         later = pc.greater(rows["fetched_at"], named["at"].combine_chunks().take(place))
@@ -355,8 +362,8 @@ def _newest_reasons(old: Reasons, new: Reasons, *, newer: bool) -> Reasons:
     return known
 
 
-def _is_later(one: MissingReason, other: MissingReason) -> bool:
+def _is_later(reason: MissingReason, other: MissingReason) -> bool:
     """Without a time a reason is as late as can be: no answer is known to be newer."""
-    if one.at == FOREVER:
+    if reason.at == FOREVER:
         return True
-    return other.at is not None and (one.at is None or one.at > other.at)
+    return other.at is not None and (reason.at is None or reason.at > other.at)

@@ -29,7 +29,7 @@ def unite(folder: Path, others: Sequence[Path] = ()) -> Path:
     """
     path, parts = folder / "toxicity.parquet", parquet_files(folder, PARTS)
     files = [*parquet_files(folder), *others]
-    parquet.check(*files)
+    parquet.verify_files(*files)
     columns = table(TABLE).names()
     scores = ", ".join(name for name in columns if name not in KEY)
     (folder / MANIFEST).unlink(missing_ok=True)  # it describes the previous file
@@ -45,7 +45,7 @@ def unite(folder: Path, others: Sequence[Path] = ()) -> Path:
             f" ORDER BY {', '.join(order(table(TABLE)))}"
         )
         for batch in rows.to_arrow_reader(_BATCH):
-            writer.write(pa.Table.from_batches([batch]))
+            writer.add_rows(pa.Table.from_batches([batch]))
     for part in parts:
         part.unlink()
     manifest.record(folder, f"annotations/{folder.name}")
@@ -67,7 +67,7 @@ def bring(root: Path, source: str, other: Path) -> int:
     )
     sql = f"SELECT count(*) FROM ({added}{f' EXCEPT {known}' if ours else ''})"
     with reading([*theirs, *ours]), database.over([*theirs, *ours], folder) as con:
-        parquet.check(*theirs, *ours)
+        parquet.verify_files(*theirs, *ours)
         new = int((con.execute(sql).fetchone() or (0,))[0])
     if new:
         unite(folder, theirs)

@@ -83,7 +83,7 @@ def _read(path: Path, changed: int) -> dict[tuple[str, str], dict[str, Any]]:
 
 @lru_cache(maxsize=4)
 def _remote_index(folder: RemoteFolder) -> dict[tuple[str, str], dict[str, Any]]:
-    return _entries(folder.read(INDEX).splitlines(), f"{folder}/{INDEX}")
+    return _entries(folder.read_file(INDEX).splitlines(), f"{folder}/{INDEX}")
 
 
 def _entries(lines: Iterable[bytes], place: str) -> dict[tuple[str, str], dict[str, Any]]:

@@ -67,13 +67,13 @@ class View(NamedTuple):
         """Whether the rows are removed keys, which `read_tombstones` reads from a file."""
         return bool(self.files) and self.files[0].stem == "tombstones"
 
-    def check(self, advance: Callable[[int], None] | None = None) -> None:
+    def verify_files(self, advance: Callable[[int], None] | None = None) -> None:
         """Raises DamagedData for bytes, columns or numbers that are not what they should be. Call
         it before rows are read. `advance` is called with the number of bytes read.
         """
         if self.remote is not None:
-            self.remote.check()
-        parquet.check(*self.files, advance=advance)
+            self.remote.verify_footers()
+        parquet.verify_files(*self.files, advance=advance)
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,9 @@ class Catalog:
         own = tuple(release_folder.releases_below(Layout(self.path).release()))
         left_out = TOP if is_root(self.path) else ("release",)
         releases = (
-            one for one in release_folder.releases_below(self.path) if one.path.name not in left_out
+            release
+            for release in release_folder.releases_below(self.path)
+            if release.path.name not in left_out
         )
         return own or tuple(releases)
 
@@ -122,10 +124,10 @@ class Catalog:
         views += _links(self.path, self.workplace, self.releases)
         return tuple(views)
 
-    def check(self) -> None:
+    def require_tables(self) -> None:
         """Raises DamagedData for a table's file that should be there and is not."""
         for folder in self.releases:
-            folder.check()
+            folder.require_tables()
         if is_root(self.path):
             for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "labels"):
                 manifest.check_complete(self.path, name)
@@ -193,13 +195,13 @@ class Catalog:
         return []
 
 
-def read(path: Path) -> Catalog:
+def read_catalog(path: Path) -> Catalog:
     """What a folder holds. Raises SettingError for a folder that does not exist, FatalError for one
     without tables, DamagedData for a table's file that is missing.
     """
     there = existing(path)
     catalog = Catalog(there)
-    catalog.check()
+    catalog.require_tables()
     if not catalog.views:
         raise empty(there)
     return catalog
@@ -282,11 +284,11 @@ def nearest(path: Path) -> Path | None:
     """
     if path.is_dir():
         below = folders_in(path)
-        below += [inner for one in below for inner in folders_in(one)]
+        below += [inner for folder in below for inner in folders_in(folder)]
         inside, above = filter(_holds_something, below), filter(is_root, path.parents[:2])
         return next(inside, None) or next(above, None)
-    beside = {one.name: one for one in folders_in(path.parent)}
-    alike = (beside[name] for name in similar(path.name, beside))
+    siblings = {folder.name: folder for folder in folders_in(path.parent)}
+    alike = (siblings[name] for name in similar(path.name, siblings))
     return next(filter(_holds_something, alike), None)
 
 
@@ -331,14 +333,15 @@ def _clean(root: Path) -> Iterator[View]:
         if declared.source in (*PUBLISHED, "labels") and declared.source != "links":
             name, place = view_name(declared), at.table(declared.name)
             pattern = rows_pattern(declared.name)
-            yield from _view("clean", name, place, pattern, declared.doc, root)
+            yield from _view("clean", name, place, pattern, declared.doc, root, links=True)
     for source in PUBLISHED:
         for verdict in VERDICTS:
             place, doc = at.clean(source, verdict), table(f"shared/{verdict}").doc
-            yield from _view("clean", f"{source}_{verdict}", place, "*.parquet", doc, root)
+            name = f"{source}_{verdict}"
+            yield from _view("clean", name, place, "*.parquet", doc, root, links=True)
         doc = table("shared/tombstones").doc
-        place = at.tombstones(source)
-        yield from _view("clean", f"{source}_tombstones", place.parent, place.name, doc, root)
+        place, name = at.tombstones(source), tombstones_view(source)
+        yield from _view("clean", name, place.parent, place.name, doc, root, links=True)
 
 
 def _released(folders: Iterable[ReleaseFolder]) -> list[View]:
@@ -371,21 +374,21 @@ def check_once(views: dict[str, View], view: View) -> None:
 
 def _restored(root: Path) -> Iterator[View]:
     """What `kb restore` and a reconstruction brought back."""
-    at = Layout(root)
-    reconstructed = list(_reconstructed(root))
+    at, links = Layout(root), is_root(root)
+    reconstructed = list(_reconstructed(root, links))
     listed = {view.name for view in reconstructed}
     for declared in tables().values():
         name, place = view_name(declared), at.restored(declared.source, declared.short)
         if declared.source in SOURCES and name not in listed:
-            yield from _view("restored", name, place, "*.parquet", declared.doc, root)
+            yield from _view("restored", name, place, "*.parquet", declared.doc, root, links)
     yield from reconstructed
     doc = table("pairs/pairs").doc
-    yield from _view("restored", "pairs", at.restored("pairs"), "*.parquet", doc, root)
+    yield from _view("restored", "pairs", at.restored("pairs"), "*.parquet", doc, root, links)
     doc = table("shared/missing").doc
-    yield from _view("restored", "missing", at.restored(), "missing.parquet", doc, root)
+    yield from _view("restored", "missing", at.restored(), "missing.parquet", doc, root, links)
 
 
-def _reconstructed(root: Path) -> Iterator[View]:
+def _reconstructed(root: Path, links: bool) -> Iterator[View]:
     """Posts and comments: restored, or of a reconstruction in its usual place, or `root` is its
     `--out` itself.
     """
@@ -395,9 +398,10 @@ def _reconstructed(root: Path) -> Iterator[View]:
             continue
         for short in ("posts", "comments"):
             doc = table(f"reddit/{short}").doc
-            yield from _view("restored", f"reddit_{short}", place / short, "*.parquet", doc, root)
+            name, rows = f"reddit_{short}", place / short
+            yield from _view("restored", name, rows, "*.parquet", doc, root, links)
         doc = table("reddit/missing").doc
-        yield from _view("restored", "reddit_missing", place, "missing.parquet", doc, root)
+        yield from _view("restored", "reddit_missing", place, "missing.parquet", doc, root, links)
         return
 
 
@@ -407,7 +411,7 @@ def _links(root: Path, work: Path, releases: Iterable[ReleaseFolder]) -> Iterato
     """
     shards: dict[str, list[Path]] = {}
     made = [(parquet_files(Layout(work).links), root)] if is_root(root) or work != root else []
-    released = [(one.data, one.path) for one in releases]
+    released = [(release.data, release.path) for release in releases]
     for paths, home in [*made, *released] if is_root(root) else [*released, *made]:
         for path in paths:
             named = _SHARD.fullmatch(path.name)
@@ -420,10 +424,10 @@ def _links(root: Path, work: Path, releases: Iterable[ReleaseFolder]) -> Iterato
 
 
 def _view(
-    schema: str, name: str, folder: Path, pattern: str, doc: str, home: Path
+    schema: str, name: str, folder: Path, pattern: str, doc: str, home: Path, links: bool
 ) -> Iterator[View]:
     files = parquet_files(folder, pattern)
-    if not is_root(home):  # no checksums describe what links in a stranger's folder lead to
+    if not links:  # no checksums describe what links in a stranger's folder lead to
         files = [path for path in files if not path.is_symlink()]
     if files:
         yield View(schema, name, files, doc, home)

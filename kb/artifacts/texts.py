@@ -26,16 +26,15 @@ def is_restored(root: Path, source: str) -> bool:
     return Catalog(root.absolute()).schema_of(source) == "restored"
 
 
-def exported_files(root: Path, name: str) -> list[Path]:
+def exported_files(catalog: Catalog, name: str) -> list[Path]:
     """The files of a table that exports read: clean ones, else restored ones; of a download
     released ones that hold texts. Raises DamagedData for a lost file.
     """
-    catalog = Catalog(root.absolute())
     if catalog.is_download:
         return catalog.texts(name)
-    if is_restored(root, name.partition("/")[0]):
+    if catalog.schema_of(name.partition("/")[0]) == "restored":
         return catalog.files(name)
-    return manifest.rows(root, name)
+    return manifest.rows(catalog.path, name)
 
 
 def inputs(root: Path, name: str) -> dict[str, str]:
@@ -47,12 +46,12 @@ def changed(root: Path, name: str) -> list[str]:
     """The sources whose texts differ from those that the artifact was made from, where an older
     version has not noted them: none. Raises DamagedData.
     """
-    known = manifest.read(Catalog(root.absolute()).workplace, name)
+    known = manifest.read_manifest(Catalog(root.absolute()).workplace, name)
     if known is None or not known.inputs:
         return []
     now = inputs(root, name)
     return [
-        one.partition("/")[2]
-        for one in now
-        if one.startswith("clean/") and now[one] != known.inputs.get(one)
+        name.partition("/")[2]
+        for name in now
+        if name.startswith("clean/") and now[name] != known.inputs.get(name)
     ]

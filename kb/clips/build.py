@@ -185,7 +185,7 @@ def selected(
         if not folder.is_dir():
             raise UsageError(f"--videos {folder} is not a folder")
     freshness.refuse(run, "pairs")
-    catalog = table_catalog.read(run.root)
+    catalog = table_catalog.read_catalog(run.root)
     asked = asking(catalog, chosen.pairs, chosen.where)
     values = {
         "keyword": chosen.keyword,
@@ -238,7 +238,7 @@ def _lengths(con: DuckDBPyConnection, catalog: Catalog) -> dict[str, float | Non
 
 def _near(run: Run, chosen: Chosen) -> str:
     """Keywords that a misspelt one may mean, as a hint."""
-    files = table_catalog.read(run.root).files("pairs/pairs")
+    files = table_catalog.read_catalog(run.root).files("pairs/pairs")
     with reading(files), database.asking() as con:
         rows = con.execute(f"SELECT DISTINCT keyword FROM {scan(files)} ORDER BY 1").fetchall()
     near = similar(chosen.keyword, (str(name) for (name,) in rows))

@@ -15,7 +15,7 @@ from kb.clips.frames import Fit
 from kb.core.installation import np
 from kb.pairs.clip_tokens import token_ids
 from kb.store.atomic import writing
-from kb.store.state import json_files
+from kb.store.damage import read_note
 
 Row = dict[str, Any]
 
@@ -54,7 +54,7 @@ class ShardReport(msgspec.Struct, frozen=True):
 
 def shard_report(place: Path, name: str) -> ShardReport | None:
     """The report of a shard; None before it is whole. Raises DamagedData."""
-    return json_files.read(
+    return read_note(
         place / f"{name}.json", ShardReport, fix="remove it, then run `kb clips` again"
     )
 

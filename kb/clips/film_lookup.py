@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from kb.clips.frames import UndecodableVideo, check_film
 from kb.core import signals
-from kb.core.video_names import possible_ids, without_stream
+from kb.schema.video_facts import possible_ids, without_stream
 from kb.store.walk import walk
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def _choose(paths: list[Path], video_s: float | None) -> Path | tuple[str, str]:
     refused = dict[str, str]()
     chapters = [path for path in paths if _CHAPTER.fullmatch(path.stem)]
     for path in paths:
-        signals.stop.check()
+        signals.stop.raise_if_asked()
         if path in chapters and (video_s is None or len(chapters) > 1):
             refused.setdefault(FILM_DIFFERS, f"{path.name} is the film of a chapter")
             continue
@@ -163,7 +163,7 @@ def _end(film: av.container.InputContainer, *, seeks: bool) -> Fraction | None:
         if seeks:
             film.seek(_END)
         for packet in film.demux(streams):
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             if packet.pts is not None and packet.time_base is not None:
                 shown = (packet.pts + (packet.duration or 0)) * packet.time_base
                 shown += 0 if packet.duration else _step(packet.stream)

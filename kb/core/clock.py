@@ -60,7 +60,7 @@ def sleep(seconds: float) -> None:
     """Wait, ending early with Interrupted when a signal asks us to stop."""
     if seconds > 0:
         signals.stop.wait(seconds)
-    signals.stop.check()
+    signals.stop.raise_if_asked()
 
 
 def sleep_until(moment: datetime) -> None:

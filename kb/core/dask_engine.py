@@ -47,7 +47,7 @@ _PACKAGES = (
 )
 
 
-def check(scheduler: str | None) -> None:
+def check_scheduler(scheduler: str | None) -> None:
     """Raise MissingExtra or SettingError before anything is sent or written."""
     if importlib.util.find_spec("distributed") is None:
         raise MissingExtra("--engine dask needs dask and distributed", hint=install_extra("dask"))
@@ -78,7 +78,7 @@ def dask_executor(
     Unreachable (no scheduler, or no worker in time), Interrupted, FatalError (workers that keep
     dying).
     """
-    check(scheduler)
+    check_scheduler(scheduler)
     import dask
     from distributed import Client, LocalCluster
 
@@ -130,7 +130,7 @@ def survey(scheduler: str | None, root: Path | None) -> list[tuple[str, int, str
     """
     if scheduler is None:
         raise SettingError("--engine dask needs --scheduler", hint="name the cluster's address")
-    check(scheduler)
+    check_scheduler(scheduler)
     from distributed import Client
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
@@ -146,7 +146,9 @@ def survey(scheduler: str | None, root: Path | None) -> list[tuple[str, int, str
         _close(client)
     if not threads:
         raise _unreachable(f"no Dask worker at {scheduler}")
-    return [(one, threads[one], cluster.unfit.get(one, "")) for one in sorted(threads)]
+    return [
+        (address, threads[address], cluster.unfit.get(address, "")) for address in sorted(threads)
+    ]
 
 
 class Cluster:
@@ -167,8 +169,8 @@ class Cluster:
         """Wait for the first workers. Raises SettingError unless all that are there are fit."""
         self.look()
         while not self.fit and not self.unfit:
-            signals.stop.check()
-            self.check()
+            signals.stop.raise_if_asked()
+            self.require_workers()
             signals.stop.wait(SLICE_S)
             self.look()
         if self.unfit:
@@ -199,7 +201,7 @@ class Cluster:
                 self.fit[address] = there[address]
         return set(there)
 
-    def check(self) -> None:
+    def require_workers(self) -> None:
         """Raise Unreachable when the scheduler is lost, or no worker was there for `WORKERS_S`."""
         if self.client.status != "running":
             raise self.lost()
@@ -251,20 +253,23 @@ class Cluster:
                 elif _WRITES in differing:
                     yield address, f"can't write to the {_ROOT} {self._root}"
                 else:
-                    has = (f"{one} {answer.get(one, 'none')}, not {ours[one]}" for one in differing)
+                    has = (
+                        f"{package} {answer.get(package, 'none')}, not {ours[package]}"
+                        for package in differing
+                    )
                     yield address, f"has {'; '.join(has)}" if differing else ""
 
 
 async def _ask(client: Any, addresses: list[str], token: str) -> list[Any]:
     """What each worker says of itself, or the error instead."""
 
-    async def one(address: str) -> Any:
-        asked = client._run(
+    async def asked(address: str) -> Any:
+        answers = client._run(
             description, token, workers=[address], wait=True, nanny=False, on_error="return"
         )
-        return (await asyncio.wait_for(asked, ANSWER_S))[address]
+        return (await asyncio.wait_for(answers, ANSWER_S))[address]
 
-    return await asyncio.gather(*map(one, addresses), return_exceptions=True)
+    return await asyncio.gather(*map(asked, addresses), return_exceptions=True)
 
 
 def description(token: str) -> dict[str, str]:
@@ -348,7 +353,7 @@ class _Future(Future[Any]):
             now = clock.monotonic()
             if timeout is not None and now - start >= timeout:
                 raise concurrent.futures.TimeoutError
-            self._cluster.check()
+            self._cluster.require_workers()
             if self._cluster.fit and not self._workers & self._cluster.fit.keys():
                 if self._tries >= _TRIES:
                     raise _deadly()
@@ -357,7 +362,7 @@ class _Future(Future[Any]):
             if signals.stop.requested():
                 stopped = now if stopped is None else stopped
                 if now - stopped >= HAND_S or not self._cluster.look():
-                    signals.stop.check()
+                    signals.stop.raise_if_asked()
 
     def cancel(self) -> bool:
         """Ask the cluster not to run it."""

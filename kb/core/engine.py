@@ -148,12 +148,12 @@ def map_in_order(
     todo = iter(tasks)
     try:
         for task in todo:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             waiting.append(executor.submit(fn, *task))
             if len(waiting) >= window:
                 yield waiting.popleft().result()
         while waiting:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             yield waiting.popleft().result()
     finally:
         for future in waiting:

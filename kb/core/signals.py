@@ -53,7 +53,7 @@ class Stop:
                 return True
         return self._event.wait(max(left, 0))
 
-    def check(self) -> None:
+    def raise_if_asked(self) -> None:
         """Raise Interrupted when the run was asked to end."""
         if self.requested():
             raise Interrupted(f"stopped by {self.name}", hint="run the same command to resume")
@@ -109,9 +109,9 @@ def ended_in_time() -> Iterator[None]:
     called: Python calls it between two lines, and a library may be in one for minutes. Once heard,
     it also ends what follows the block.
     """
-    heard, told = socket.socketpair()
-    told.setblocking(False)
-    before = signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
+    heard, wakes = socket.socketpair()
+    wakes.setblocking(False)
+    before = signal.set_wakeup_fd(wakes.fileno(), warn_on_full_buffer=False)
     was_heard = threading.Event()
 
     def watch() -> None:
@@ -129,4 +129,4 @@ def ended_in_time() -> Iterator[None]:
     finally:
         if not was_heard.is_set():
             signal.set_wakeup_fd(before)
-            told.close()  # which ends the thread
+            wakes.close()  # which ends the thread

@@ -143,7 +143,7 @@ class DeclaredSetting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class DeclaredService(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How a service of JSON answers may be asked (kb.crawl.json_service).
+    """How a service of JSON answers may be asked (kb.crawl.json_lists).
 
     url              the key of the source's section with the address of the service
     per_day          units a day: a number, or the key of the source's section that has it; 0 for
@@ -214,7 +214,7 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
     dated            the column of the main table that dates a row, and what happened then
     unlicensed       a sentence on licences where rows name none of their own
     settings         settings that it adds, by name
-    service          how its service may be asked, where that is what `kb.crawl.json_service` does
+    service          how its service may be asked, where that is what `kb.crawl.json_lists` does
     """
 
     package: Path
@@ -325,7 +325,7 @@ def _installed() -> dict[str, Package]:
 
 
 INSTALLED = _installed()
-SCHEMA_FOLDERS = [folder("schemas"), *(one.folder / "schemas" for one in INSTALLED.values())]
+SCHEMA_FOLDERS = [folder("schemas"), *(source.folder / "schemas" for source in INSTALLED.values())]
 
 Declared = TypeVar("Declared", bound=Publication)
 
@@ -388,7 +388,9 @@ PUBLISHED: dict[str, Publication] = _Publications({**SOURCES, **MADE})
 # Kinds of the passages of all sources; those of pages, which are about what their titles name; and
 # what texts are called in links.
 KINDS = tuple(dict.fromkeys(kind for source in SOURCES.values() for kind in source.kinds))
-PAGES = tuple(kind for one in SOURCES.values() if one.shape == "page" for kind in one.kinds)
+PAGES = tuple(
+    kind for source in SOURCES.values() if source.shape == "page" for kind in source.kinds
+)
 PARTS = tuple(dict.fromkeys(part for source in SOURCES.values() for part in source.parts))
 
 # What every release holds; the rest is there where the profile asks for it.

@@ -48,8 +48,8 @@ def similar(name: str, names: Iterable[str], most: int = _MOST, cutoff: float = 
 def _are_opposites(name: str, other: str) -> bool:
     words, others = (set(re.split(r"[\W_]+", text)) for text in (name, other))
     return any(
-        (one in words and two in others) or (two in words and one in others)
-        for one, two in _OPPOSITES
+        (first in words and two in others) or (two in words and first in others)
+        for first, two in _OPPOSITES
     )
 
 

@@ -119,7 +119,7 @@ class Opened:
         """Whether the first refusal ends the work on a service, as it blocked us before."""
         return False
 
-    def check(self, service: str) -> None:
+    def refuse_blocked(self, service: str) -> None:
         """Call before a request. Raises Blocked or Challenged when another thread met it."""
 
     def sleep(self, service: str, seconds: float) -> None:
@@ -138,7 +138,7 @@ class Opened:
         """
 
         def probe() -> Result:
-            self.check(service)
+            self.refuse_blocked(service)
             try:
                 return send()
             except Retryable as error:

@@ -95,7 +95,7 @@ def crawl_source(
             crawled=sum(loop.answered[kind] for kind in counted),
             crawled_in_all=sum(counts[kind].get("done", 0) for kind in counted),
             missing=sum(why == "not_found" for _, _, why, _ in skipped),
-            failed=sum(each.get("error", 0) for each in counts.values()),
+            failed=sum(answers.get("error", 0) for answers in counts.values()),
             pending=session.frontier.waiting(*counted),
             requests=session.requests()[0],
             units=session.requests()[1],
@@ -115,7 +115,7 @@ def check_read(connector: Connector, loop: Loop) -> None:
     """
     phases = loop.scheduler.phases
     counted = {phase.kind for phase in phases if phase.limited}
-    if any(loop.tried[kind].read for kind in counted):
+    if any(loop.tried[kind].n_read for kind in counted):
         return
     for phase in phases:
         if phase.kind not in counted.union(*(upstream(phases, kind) for kind in counted)):

@@ -58,8 +58,8 @@ def together(phases: Sequence[Phase], phase: Phase, stop: Stopped) -> set[str]:
     if isinstance(stop, LimitReached):
         return {phase.kind} | upstream(phases, phase.kind)
     if isinstance(stop, QuotaSpent):
-        return {each.kind for each in phases if each.bucket == phase.bucket}
-    return {each.kind for each in phases if each.service == phase.service}
+        return {other.kind for other in phases if other.bucket == phase.bucket}
+    return {other.kind for other in phases if other.service == phase.service}
 
 
 def back_at(stops: Iterable[KbError]) -> datetime | None:

@@ -45,7 +45,7 @@ class Tried:
     skipped: Counter[str] = field(default_factory=Counter)
 
     @property
-    def read(self) -> int:
+    def n_read(self) -> int:
         """How many were read."""
         return self.n - self.failed.total() - self.skipped.total()
 
@@ -130,7 +130,7 @@ class Loop:
         """Take turns of a service until none is left."""
         try:
             while True:
-                signals.stop.check()
+                signals.stop.raise_if_asked()
                 turn = self._wait_for_turn(service)
                 if turn is None:
                     return
@@ -157,7 +157,7 @@ class Loop:
                     return turn
                 if self.scheduler.has_upstream_work(service):
                     self._changed.wait(timeout=0.2)
-                    signals.stop.check()
+                    signals.stop.raise_if_asked()
                     continue
                 back, why = self.scheduler.back(service), self.scheduler.why(service)
                 if back is None:
@@ -246,17 +246,33 @@ class Loop:
     def _settle(
         self, phase: Phase, items: list[Item], failure: Retryable | None, complete: bool
     ) -> None:
-        """Count answered and failed items; split a failed batch into halves."""
+        """Decide about items without an answer, count the others, and note whether the service is
+        up.
+        """
         left = self._unanswered(phase, items)
-        if failure is not None and len(left) > 1:
-            retried = [item for item in items if item.key in left]
+        if failure is not None and len(left) > 1:  # one of them may be the reason
             with self._changed:
+                retried = [item for item in items if item.key in left]
                 self.scheduler.split(phase, retried, failure.reason)
                 self._changed.notify_all()
             items = [item for item in items if item.key not in left]
         elif left:
             reason = "unanswered" if failure is None else failure.reason
             self.frontier.mark(phase.kind, left, "error", reason)
+        self._count(phase, items)
+        with self._changed:
+            if failure is None:
+                self._failures[phase.service] = 0
+                self._doubtful.pop(phase.service, None)
+                self._up.add(phase.service)
+            elif phase.service not in self._up:
+                self._doubtful[phase.service] = phase, failure
+        if failure is None and complete:
+            self.session.clear_block(phase.service)
+        self._show(phase, len(items))
+
+    def _count(self, phase: Phase, items: list[Item]) -> None:
+        """Count items that were requested, by what the frontier says of them now."""
         states = [self.frontier.get(phase.kind, item.key) for item in items]
         with self._changed:
             self.answered[phase.kind] += len(items)
@@ -267,15 +283,6 @@ class Loop:
                 if status in ("error", "skipped"):
                     why = tried.failed if status == "error" else tried.skipped
                     why[code or status] += 1
-            if failure is None:
-                self._failures[phase.service] = 0
-                self._doubtful.pop(phase.service, None)
-                self._up.add(phase.service)
-            elif phase.service not in self._up:
-                self._doubtful[phase.service] = phase, failure
-        if failure is None and complete:
-            self.session.clear_block(phase.service)
-        self._show(phase, len(items))
 
     def _give_up(self, kind: str, items: list[Item], reason: str) -> None:
         """Count items that failed with their batch."""

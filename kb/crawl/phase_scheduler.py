@@ -4,8 +4,10 @@ closed    kinds that this run requests no more, and why
 above     the kinds whose answers lead to a kind, directly or indirectly
 halves    halves of failed batches: each is requested by itself, so that one item that always
           fails does not block the others of its batch
+in hand   how many requests of a kind are on their way
 
-Halves and items that failed in an earlier run are retried once, after everything else.
+A service's phases are tried in their order, twice: first for new items, then for halves and for
+items that failed in an earlier run, which are retried once.
 """
 
 from collections import Counter, defaultdict, deque
@@ -79,7 +81,10 @@ class Scheduler:
         left_out = self._left_out
         for failed in (False, True):
             for phase in of_service:
-                turn = self._take_of(phase, failed) if self._open(phase, failed) else None
+                if not self._may_run(phase, failed):
+                    continue
+                turn = self._half(phase) if failed else None
+                turn = turn or self._queued(phase, failed)
                 if turn is not None:
                     return turn
         # A phase may have waited for items that were then left out.
@@ -92,10 +97,10 @@ class Scheduler:
 
     def answered(self, service: str, phase: Phase | None = None) -> tuple[Phase, Item] | None:
         """An item that the service has answered, of one `phase` if given; None without one."""
-        for each in self._of(service) if phase is None else [phase]:
-            item = self._frontier.answered(each.kind)
-            if item is not None and self._connector.leave_out(each, item) is None:
-                return each, item
+        for asked in self._of(service) if phase is None else [phase]:
+            item = self._frontier.answered(asked.kind)
+            if item is not None and self._connector.leave_out(asked, item) is None:
+                return asked, item
         return None
 
     def another(self, phase: Phase) -> list[Item]:
@@ -123,10 +128,10 @@ class Scheduler:
             if phase.kind in self._closed:
                 continue
             above = self._above[phase.kind]
-            if self._in_hand[phase.kind] or any(map(self._busy, above)):
+            if self._in_hand[phase.kind] or any(map(self._has_work, above)):
                 return True
             elsewhere = [kind for kind in above if self._services[kind] != service]
-            if any(self._sleeps(kind) or self._retries(kind) for kind in elsewhere):
+            if any(self._will_resume(kind) or self._will_retry(kind) for kind in elsewhere):
                 return True
         return False
 
@@ -151,16 +156,16 @@ class Scheduler:
             if self._limit.room(1) <= 0:
                 self.close(phase, self._limit.reached())
 
-    def _open(self, phase: Phase, failed: bool) -> bool:
+    def _may_run(self, phase: Phase, failed: bool) -> bool:
         """Whether the other phases allow this one to run now."""
         if phase.kind in self._closed or self._in_hand[phase.kind] >= phase.workers:
             return False
         must_wait = phase.waits or failed
-        return not (must_wait and any(self._busy(kind) for kind in self._above[phase.kind]))
+        return not (must_wait and any(self._has_work(kind) for kind in self._above[phase.kind]))
 
-    def _take_of(self, phase: Phase, failed: bool) -> Turn | None:
-        """Items of a phase, without those that the source leaves out."""
-        while failed and self._halves[phase.kind]:
+    def _half(self, phase: Phase) -> Turn | None:
+        """Half of a batch that has failed, where a single item may be the reason."""
+        while self._halves[phase.kind]:
             half, reason = self._halves[phase.kind].popleft()
             if self.answered(phase.service, phase) is not None:
                 self._in_hand[phase.kind] += 1
@@ -168,11 +173,17 @@ class Scheduler:
             # Nothing of this kind was ever answered, so a single item is not the reason.
             self._frontier.mark(phase.kind, (item.key for item in half), "error", reason)
             self._give_up(phase.kind, half, reason)
+        return None
+
+    def _queued(self, phase: Phase, failed: bool) -> Turn | None:
+        """New items of a phase, or those that failed in an earlier run; as many as fit into a
+        request and the limit.
+        """
         ready, take = self._frontier.ready, self._frontier.take
         upto = self._ends[phase.kind] if failed else None
         while ready(phase.kind, failed_upto=upto):
             room = self._limit.room(phase.batch) if phase.limited else phase.batch
-            if phase.packed and ready(phase.kind, room) < room and self._more(phase):
+            if phase.packed and ready(phase.kind, room) < room and self._may_find_more(phase):
                 return None
             # What is left out takes nothing of the limit, so it is looked for beyond it too.
             items = self._wanted(phase, take(phase.kind, max(room, 1), failed_upto=upto))
@@ -193,6 +204,7 @@ class Scheduler:
         return None
 
     def _wanted(self, phase: Phase, items: list[Item]) -> list[Item]:
+        """The items without those that the source leaves out, which are marked."""
         wanted = []
         for item in items:
             reason = self._connector.leave_out(phase, item)
@@ -203,23 +215,23 @@ class Scheduler:
                 self._left_out += 1
         return wanted
 
-    def _busy(self, kind: str) -> bool:
+    def _has_work(self, kind: str) -> bool:
         """Whether a phase has items in progress or items that this run will take."""
         if self._in_hand[kind]:
             return True
         return kind not in self._closed and bool(self._halves[kind] or self._frontier.ready(kind))
 
-    def _retries(self, kind: str) -> bool:
+    def _will_retry(self, kind: str) -> bool:
         """Whether this run will retry failed items of a phase."""
         upto = self._ends[kind]
         return kind not in self._closed and bool(self._frontier.ready(kind, failed_upto=upto))
 
-    def _more(self, phase: Phase) -> bool:
+    def _may_find_more(self, phase: Phase) -> bool:
         """Whether the phase's own service may find more of its items first."""
-        own = {one.kind for one in self._of(phase.service)}
-        return any(self._busy(kind) for kind in self._above[phase.kind] & own)
+        own = {other.kind for other in self._of(phase.service)}
+        return any(self._has_work(kind) for kind in self._above[phase.kind] & own)
 
-    def _sleeps(self, kind: str) -> bool:
+    def _will_resume(self, kind: str) -> bool:
         """Whether a phase was stopped and its service waits to resume."""
         stop = self._closed.get(kind)
         if not self._session.run.wait or not isinstance(stop, (QuotaSpent, Blocked)):

@@ -44,7 +44,7 @@ def remove_keys(
         session.recorder.close()
         scratch = Layout(run.root).known(rules.source)
         purge = Purge(run, rules, listed, session.frontier, scratch, asked=asked)
-        for step in (purge.find, purge.begin, purge.scan):
+        for step in (purge.find_keys, purge.begin, purge.scan):
             try:
                 step()
             except DamagedData:  # nothing was removed yet
@@ -86,7 +86,7 @@ def dry_purge(
             with suppress(DamagedData):  # which the purge sets aside
                 replay_segment(segment, frontier, connector.reduce)
         purge = Purge(run, rules, listed, frontier, scratch / "work", True, asked)
-        purge.find()
+        purge.find_keys()
         purge.begin()
         purge.scan()
         yield purge
@@ -132,7 +132,7 @@ def rules_by_name(source: SourceDeclaration) -> PurgeRules:
         source.name,
         ids_of(source).some_ids_in,
         rows=(
-            *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
+            *(location_of(table.name, table.key[0], prefix) for _, prefix, table in rows),
             *(_restored(source) if source.restored else ()),
             *shared_locations(source.name),
         ),

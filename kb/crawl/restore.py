@@ -90,8 +90,10 @@ class ItemRestore:
     @cached_property
     def keys(self) -> Collection[str]:
         """The keys of the wanted items."""
-        folders = self.content.of(self.source.name)
-        return self.keys_in([path for one in folders for path in one.shards(self.source.main)])
+        folders = self.content.folders_of(self.source.name)
+        return self.keys_in(
+            [path for folder in folders for path in folder.shards(self.source.main)]
+        )
 
     @cached_property
     def removed(self) -> set[str]:
@@ -103,8 +105,8 @@ class ItemRestore:
     def wanted(self) -> bool:
         return bool(self.keys)
 
-    def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
-        """As `RestoreJob.check`. Raises ProfileError without the source's section."""
+    def check_settings(self, needed: tuple[str, ...]) -> tuple[str, ...]:
+        """As `RestoreJob.check_settings`. Raises ProfileError without the source's section."""
         if self.wanted:
             self.run.profile.section(self.source.name)
         credential = self.source.credential
@@ -121,7 +123,7 @@ class ItemRestore:
         key = self.run.settings.named(credential) if credential else "no key"
         phases = [PlanPhase(**phase) for phase in summary["phases"]]
         whom = f"{self.source.title}, {key}"
-        return PlanPart([phase.of(whom) for phase in phases], [str(summary["assumed"])])
+        return PlanPart([phase.asking(whom) for phase in phases], [str(summary["assumed"])])
 
     def left(self) -> list[str]:
         """The wanted items that have to be asked for, in order, as the crawl names them. Raises
@@ -134,8 +136,8 @@ class ItemRestore:
             known.update(self.restored())
             known |= {
                 name.removeprefix(prefix)
-                for name, one in missing
-                if name.startswith(prefix) and one.reason != FAILED
+                for name, reason in missing
+                if name.startswith(prefix) and reason.reason != FAILED
             }
         own = self.source.tables[self.source.main]
         left = (f"{own}{key}" for key in self.keys if key not in known)
@@ -201,9 +203,9 @@ class ItemRestore:
                 reasons[f"{own}{key}"] = MissingReason(FAILED)
             if status not in ("done", "skipped"):
                 incomplete.add(key)
-        gone = {" ".join(self.source.table_of(name)) for name in self.removed}
-        reasons |= dict.fromkeys(gone, MissingReason(PURGED, FOREVER))
-        return Outcome(reasons, gone - {f"{own}{key}" for key in self.keys}, incomplete)
+        removed = {" ".join(self.source.table_of(name)) for name in self.removed}
+        reasons |= dict.fromkeys(removed, MissingReason(PURGED, FOREVER))
+        return Outcome(reasons, removed - {f"{own}{key}" for key in self.keys}, incomplete)
 
     def _items(self, place: Path) -> Iterator[tuple[str, str, str]]:
         """(kind, name, status) of what a work folder's crawl knows, where there was one."""
@@ -223,7 +225,7 @@ class ItemRestore:
         """Whether removed items are in the tables, or wanted ones are not listed yet."""
         own = self.source.tables[self.source.main]
         prefix = self.tables[-1].prefix
-        listed = {name for name, one in self.folder.missing().items() if one.reason == PURGED}
+        listed = {name for name, reason in self.folder.missing().items() if reason.reason == PURGED}
         unlisted = (key for key in self.keys if f"{prefix}{key}" not in listed)
         return not self.removed.isdisjoint(f"{own}{key}" for key in (*self.restored(), *unlisted))
 
@@ -233,17 +235,20 @@ class ItemRestore:
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         outcome = self.outcome(place)
-        fresh = {one: parquet_files(clean.clean(*one.name.split("/"))) for one in self.tables}
+        fresh = {
+            restored: parquet_files(clean.clean(*restored.name.split("/")))
+            for restored in self.tables
+        }
         items = sum(parquet.footer(path).num_rows for path in fresh[self.tables[-1]])
         buckets = folder.buckets(items)
         incomplete = pa.array(sorted(outcome.incomplete), pa.string())
-        for one, paths in fresh.items():
-            with Shuffle(scratch, f"new-{one.declared.short}", buckets) as shuffle:
+        for restored, paths in fresh.items():
+            with Shuffle(scratch, f"new-{restored.declared.short}", buckets) as shuffle:
                 for path in paths:
                     rows = parquet.read_table(path)
                     keys = rows[self.key].cast(pa.string())
                     rows = rows.filter(pc.invert(pc.is_in(keys, value_set=incomplete)))
-                    shuffle.write(rows, rows[self.key])
+                    shuffle.add_rows(rows, rows[self.key])
         folder.merge(
             scratch, buckets, outcome.reasons, unlisted=outcome.unlisted, finish=self._of_items
         )

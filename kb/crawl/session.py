@@ -59,7 +59,7 @@ class CrawlSession(Opened):
         with self._lock:
             self._ended.pop(service, None)
 
-    def check(self, service: str) -> None:
+    def refuse_blocked(self, service: str) -> None:
         """Call before a request. Raises Blocked or Challenged when another thread met it."""
         why = self._ended.get(service)
         if isinstance(why, TURNED_AWAY):

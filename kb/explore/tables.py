@@ -55,7 +55,7 @@ class CurrentTables:
         files = [path for view in views for path in view.files]
         with reading(files), connect(None, views) as con:
             for view in views:
-                view.check()
+                view.verify_files()
             yield con
 
     def rows(self, name: str, sql: str, parameters: Sequence[Any] = ()) -> pa.Table:

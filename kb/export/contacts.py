@@ -97,14 +97,14 @@ def _is_version4(match: re.Match[str]) -> bool:
 
 
 def _is_address6(text: str) -> bool:
-    groups = [one for one in re.split(r"[:.]", text) if one]
+    groups = [group for group in re.split(r"[:.]", text) if group]
     if len(groups) < 3 and not text.lower().startswith(("fe80::", "fc", "fd", "2001:")):
         return False
     try:
         ipaddress.IPv6Address(text)
     except ValueError:
         return False
-    return any(one.isdigit() or any(map(str.isdigit, one)) for one in groups)
+    return any(group.isdigit() or any(map(str.isdigit, group)) for group in groups)
 
 
 def _is_phone(match: re.Match[str]) -> bool:
@@ -123,7 +123,7 @@ def _is_phone(match: re.Match[str]) -> bool:
         return True
     if _IS_PLACE.search(before) or _IS_VERSION.search(before):
         return False
-    sizes = [len(one) for one in groups]
+    sizes = [len(group) for group in groups]
     national = sizes[-3:] == [3, 3, 4] and (len(sizes) == 3 or groups[:-3] in (["1"], ["00", "1"]))
     if national or text.startswith("(") or groups[0].startswith("00"):
         return True

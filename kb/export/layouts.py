@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import pyarrow as pa
 
 from kb.artifacts import domain_binding, freshness, manifest
+from kb.artifacts.table_catalog import Catalog
 from kb.artifacts.texts import exported_files
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -49,19 +50,21 @@ def export(run: Run, published: Exported, layout: str = "parquet", **options: An
     }
     places = exports_in(layout, name, options)
     owners = filter(None, (name, PUBLISHED[name].part_of))
-    with domain_binding.writing(run, *(f"release-{one}" for one in owners)):
-        find = partial(exported_files, run.root)
-        inputs = {one: manifest.inputs(run.root, one, find) for one in places}
-        for one in places:  # until it is written, nothing is known of it
-            ARTIFACTS[one].manifest(run.root).unlink(missing_ok=True)
+    with domain_binding.writing(run, *(f"release-{owner}" for owner in owners)):
+        find = partial(exported_files, Catalog(run.root.absolute()))
+        inputs = {artifact: manifest.inputs(run.root, artifact, find) for artifact in places}
+        for artifact in places:  # until it is written, nothing is known of it
+            ARTIFACTS[artifact].manifest(run.root).unlink(missing_ok=True)
         made = writers[layout](run, **options)
-        for one in places:
-            place = ARTIFACTS[one].folder(run.root)
+        for artifact in places:
+            place = ARTIFACTS[artifact].folder(run.root)
             every = [place] if place.is_file() else place.rglob("*")
             there = [path for path in every if path.is_file()]
             files = {str(path.relative_to(place)): FileEntry(path.stat().st_size) for path in there}
-            as_made = manifest.of(one, inputs[one], freshness.settings(run, one), files, options)
-            manifest.write(ARTIFACTS[one].manifest(run.root), as_made)
+            as_made = manifest.new_manifest(
+                artifact, inputs[artifact], freshness.settings(run, artifact), files, options
+            )
+            manifest.write_manifest(ARTIFACTS[artifact].manifest(run.root), as_made)
     if not isinstance(made, Summary):
         return Summary(format=layout, export=str(made))
     return Summary(

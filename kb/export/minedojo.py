@@ -209,7 +209,7 @@ def wiki(run: Run, out: Path | None = None) -> Summary:
             (folder / "images").mkdir(parents=True)
             _copy(home, page["screenshot_path"], folder / "screenshot.png")
             key = page["page_id"]
-            rows = (list(table.of(key)) for table in (elements, cells, images))
+            rows = (list(table.rows_of(key)) for table in (elements, cells, images))
             data = _data(home, folder, page, *rows)
             (folder / "data.json").write_text(json.dumps(data, indent=2), encoding="ascii")
             count += 1
@@ -223,7 +223,8 @@ def wiki(run: Run, out: Path | None = None) -> Summary:
 
 def _home(root: Path) -> Path:
     """Where the paths of rows start from: the data root, or the release folder of a download."""
-    return exported_files(root, "wiki/pages")[0].parent if Catalog(root).is_download else root
+    catalog = Catalog(root.absolute())
+    return exported_files(catalog, "wiki/pages")[0].parent if catalog.is_download else root
 
 
 def _by_page(run: Run, name: str, order: Sequence[str], columns: Sequence[str]) -> RowsByKey:
@@ -253,7 +254,9 @@ def folder_name(url: str, title: str) -> str:
     steps = next(exact, steps[-max(1, len(named)) :])
     plain = [_plain(step) for step in steps or "_"]
     # What a page's own folder holds names no subpage: "data.json" becomes "%64ata.json".
-    below = [f"%{ord(one[0]):02X}{one[1:]}" if one.casefold() in _OWN else one for one in plain[1:]]
+    below = [
+        f"%{ord(part[0]):02X}{part[1:]}" if part.casefold() in _OWN else part for part in plain[1:]
+    ]
     return str(Path(plain[0], *below))
 
 

@@ -46,8 +46,8 @@ def _export(run: Run) -> Summary:
     files, inputs = [*videos, *transcripts], manifest.inputs(run.root, NAME)
     settings = freshness.settings(run, NAME)
     with reading(files), database.over(files, run.root) as con:
-        parquet.check(*files)
-        named = (f"trim(coalesce(v.{one}, '')) <> ''" for one in _CREDIT)
+        parquet.verify_files(*files)
+        named = (f"trim(coalesce(v.{column}, '')) <> ''" for column in _CREDIT)
         credited = " AND ".join(["v.published_at IS NOT NULL", *named])
         rows = f"FROM {scan(transcripts)} AS t JOIN {scan(videos)} AS v USING (video_id)"
         open_, uncredited = con.sql(
@@ -57,8 +57,8 @@ def _export(run: Run) -> Summary:
         if not open_:
             run.progress.say("no kept video with a transcript is under Creative Commons")
             removed = _remove(run)
-            nothing = manifest.of(NAME, inputs, settings, {})
-            manifest.write(ARTIFACTS[NAME].manifest(run.root), nothing)
+            nothing = manifest.new_manifest(NAME, inputs, settings, {})
+            manifest.write_manifest(ARTIFACTS[NAME].manifest(run.root), nothing)
             return Summary(removed, uncredited=uncredited)
         asked = con.sql(
             f"""SELECT video_id, v.title, v.link, v.channel_id, v.channel_title, v.published_at,
@@ -83,7 +83,7 @@ def _export(run: Run) -> Summary:
 def _batches(asked: duckdb.DuckDBPyRelation) -> Iterator[pa.Table]:
     with closing(asked.to_arrow_reader(_BATCH)) as reader:
         for batch in reader:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             yield pa.Table.from_batches([batch])
 
 

@@ -77,10 +77,10 @@ def video2dataset(run: Run) -> Path:
             waiting_videos.append(
                 {
                     "url": clips[0]["url"],
-                    "clips": [one["clips"][0] for one in clips],
+                    "clips": [clip["clips"][0] for clip in clips],
                     "video_id": clips[0]["video_id"],
-                    "pair_id": [one["pair_id"] for one in clips],
-                    "keyword": [one["keyword"] for one in clips],
+                    "pair_id": [clip["pair_id"] for clip in clips],
+                    "keyword": [clip["keyword"] for clip in clips],
                 }
             )
             if len(waiting) >= _ROWS:

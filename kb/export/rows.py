@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from kb.artifacts.table_catalog import Catalog
 from kb.artifacts.texts import exported_files
 from kb.core.errors import FatalError
 from kb.schema.tables import table
@@ -22,7 +23,7 @@ def sorted_rows(
     root: Path, name: str, columns: Sequence[str], by: Sequence[str] = ()
 ) -> Iterator[Row]:
     """Rows of a declared table, in its own order or `by` columns, a piece at a time in memory."""
-    parts = exported_files(root, name)
+    parts = exported_files(Catalog(root.absolute()), name)
     if not parts:
         return
     with contextlib.closing(Merge(parts, list(by) or order(table(name)), list(columns))) as merge:
@@ -32,7 +33,7 @@ def sorted_rows(
 
 def check_rows(root: Path, name: str) -> None:
     """Raises FatalError when a table has no rows to export."""
-    if not exported_files(root, name):
+    if not exported_files(Catalog(root.absolute()), name):
         raise FatalError(
             f"nothing to export: {Layout(root).table(name)} has no rows",
             hint=f"run `{of_table(name).command}` first",
@@ -48,10 +49,10 @@ def json_list(path: Path) -> Iterator[Callable[[Any], None]]:
         file.write("[")
         comma = "\n"
 
-        def add(item: Any) -> None:
+        def add_item(item: Any) -> None:
             nonlocal comma
             file.write(comma + json.dumps(item))
             comma = ",\n"
 
-        yield add
+        yield add_item
         file.write("\n]\n")

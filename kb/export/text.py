@@ -122,15 +122,16 @@ def export(run: Run, of: DocumentSource, out: Path | None = None, **asked: Any) 
         _tokenizer(options.tokenizer)
     source = of.declared.name
     main, *others = (f"{source}/{short}" for short in of.declared.textual)
-    files = {name: exported_files(run.root, name) for name in (main, *others)}
-    parts, every = files[main], [one for some in files.values() for one in some]
+    catalog = Catalog(run.root.absolute())
+    files = {name: exported_files(catalog, name) for name in (main, *others)}
+    parts, every = files[main], [path for some in files.values() for path in some]
     if not every:
         clean = ARTIFACTS[f"clean/{source}"]
         raise FatalError(
             f"nothing to export: {clean.folder(run.root)} is not there",
             hint=f"run `{clean.command}` first",
         )
-    size = sum(one.stat().st_size for one in every)
+    size = sum(path.stat().st_size for path in every)
     path = (out or Layout(run.root).export("text")) / (
         source + (CHUNKS if options.chunk_tokens else ".jsonl")
     )
@@ -145,8 +146,7 @@ def export(run: Run, of: DocumentSource, out: Path | None = None, **asked: Any) 
     ):
         # Shards of a release are cut by size: all are read together.
         together = {name: [*map(str, paths)] for name, paths in files.items()}
-        download = Catalog(run.root.absolute()).is_download
-        buckets = [together] if download else _buckets(files, main)
+        buckets = [together] if catalog.is_download else _buckets(files, main)
         tasks = ((of, bucket, origin, options) for bucket in buckets)
         for lines, counted in map_in_order(executor, _lines, tasks, executor.window):
             file.write(lines)
@@ -187,7 +187,7 @@ def _records(
     pieces, title = document.pieces, " ".join(document.title.split())
     contacts: Counter[str] = Counter()
     if not options.keep_contacts:
-        pieces = [one._replace(text=replaced(one.text, contacts)) for one in pieces]
+        pieces = [piece._replace(text=replaced(piece.text, contacts)) for piece in pieces]
         title = replaced(title, Counter())
     counts["documents"] += 1
     counts["contacts"] += contacts.total()
@@ -200,7 +200,7 @@ def _records(
         "metadata": {"title": title, **document.metadata},
     }
     if not options.chunk_tokens:
-        text = _GAP.join([f"# {title}", *(one.text for one in pieces)])
+        text = _GAP.join([f"# {title}", *(piece.text for piece in pieces)])
         yield {**record, "text": text}
         counts["words"] += len(text.split())
         return
@@ -234,7 +234,9 @@ def _chunks(title: str, pieces: Iterable[TextPiece], options: TextOptions) -> It
     size = count(short, options)
     filled = False  # with more than headings
     for unit in _units(pieces):
-        above = [one for one in headings if not unit[0].level or one.level < unit[0].level]
+        above = [
+            heading for heading in headings if not unit[0].level or heading.level < unit[0].level
+        ]
         more = sum(count(piece.text, options) for piece in unit)
         if filled and size + more > _room(options):
             yield from _bounded(head, body, options)
@@ -345,9 +347,9 @@ def _in_parts(line: str, most: float, options: TextOptions) -> Iterator[str]:
         longest = max(bisect_right(ahead, most, key=lambda end: count(line[:end], options)), 1)
         places = (
             [
-                one.end()
-                for one in ending.finditer(line, longest // 2, longest + 1)
-                if len(line[: one.end()].rstrip()) <= longest
+                match.end()
+                for match in ending.finditer(line, longest // 2, longest + 1)
+                if len(line[: match.end()].rstrip()) <= longest
             ]
             for ending in (_SENTENCE, _SPACE)
         )

@@ -29,7 +29,7 @@ _LONGEST = 1000  # characters of a description
 class Scorer(Protocol):
     """Scores of texts, stored apart from the rows (kb.annotate.toxicity)."""
 
-    def check(self, run: Run, source: str) -> str:
+    def model_key(self, run: Run, source: str) -> str:
         """A key that stands for the model in workers; "" when the profile scores nothing.
 
         Raises exit 2.
@@ -250,15 +250,15 @@ def _description(rows: pa.Table, chain: Chain) -> dict[str, pa.Array[Any]]:
     nulls: pa.Array[Any] = pa.nulls(rows.num_rows, pa.string())
     described: dict[str, pa.Array[Any]] = {}
     columns, withheld = chain.described
-    gone = pc.is_valid(column(rows, withheld)) if withheld else None
+    taken_down = pc.is_valid(column(rows, withheld)) if withheld else None
     for name in _DESCRIPTION:
         source = columns.get(name, "")
         if source not in rows.column_names:
             described[name] = nulls
             continue
         values = pc.utf8_slice_codeunits(column(rows, source).cast(pa.string()), 0, _LONGEST)
-        is_withheld = gone is not None and name in _WORDS
-        described[name] = pc.if_else(gone, nulls, values) if is_withheld else values
+        is_withheld = taken_down is not None and name in _WORDS
+        described[name] = pc.if_else(taken_down, nulls, values) if is_withheld else values
     return described
 
 

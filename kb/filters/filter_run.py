@@ -60,11 +60,11 @@ def run_clean(run: Run, source: str, *, restored: bool = False) -> Summary:
     run.profile.section(source)
     job = _job(run, source, restored=restored)
     spec = spec_of(job)
-    key = spec.scorer.check(run, source) if spec.scorer is not None else ""
+    key = spec.scorer.model_key(run, source) if spec.scorer is not None else ""
     _segments(run.root, spec)  # without any, nothing is written
     with domain_binding.writing(run, *of_clean(source)):
         raw = manifest.inputs(run.root, f"clean/{source}")
-        quarantine.check(run.root, source)
+        quarantine.refuse_lost_answers(run.root, source)
         with _decoded(run, job._replace(scores=key)) as decoded:
             if key and spec.scorer is not None:
                 spec.scorer.annotate(run, source, _texts(run, decoded))
@@ -97,7 +97,7 @@ def run_clean(run: Run, source: str, *, restored: bool = False) -> Summary:
 def check_scorer(run: Run, source: str) -> None:
     """Raises UsageError where the texts of a source can't be scored."""
     if (scorer := spec_of(_job(run, source)).scorer) is not None:
-        scorer.check(run, source)
+        scorer.model_key(run, source)
 
 
 def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
@@ -323,7 +323,7 @@ def _summary(
     tallies = row_counts.tally(folder, tables)
     names = ("crawled", "kept", "rejected", "failed", "pending")
     total = Tally(*(sum(tally[name] for tally in tallies.values()) for name in names))
-    if total.check(spec.source) != Tally(*(counts[name] for name in names)):
+    if total.balanced(spec.source) != Tally(*(counts[name] for name in names)):
         raise CountMismatch(
             f"{spec.source}: the files contain {asdict(total)},"
             f" but the workers counted {dict(counts)}",

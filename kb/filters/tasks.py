@@ -134,19 +134,19 @@ def filter_bucket(job: FilterJob, number: int, decoded: Mapping[str, int]) -> di
         kept = spec.complete(kept)
     for follow in (follow for follow in spec.follow if follow.table in kept):
         counts[f"kept {follow.table}"] += kept[follow.table].num_rows
-        write(job, follow.table, number, kept[follow.table])
+        write_part(job, follow.table, number, kept[follow.table])
     for chain, result in judged:
         counts["crawled"] += sum(part.num_rows for part in result)
         counts["kept"] += result.kept.num_rows
         counts[f"kept {chain.table}"] += result.kept.num_rows
-        write(job, chain.table, number, declared_columns(kept[chain.table], chain))
+        write_part(job, chain.table, number, declared_columns(kept[chain.table], chain))
     for verdict in VERDICTS if judged else ():  # a bucket may be empty
         out = pa.concat_tables([getattr(result, verdict) for _, result in judged])
         counts[verdict] += out.num_rows
         if verdict == "rejected":
             for entry in out.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist():
                 counts[f"stage {entry['stage']}"] += entry["count_all"]
-        write(job, f"shared/{verdict}", number, out)
+        write_part(job, f"shared/{verdict}", number, out)
     return dict(counts)
 
 
@@ -223,7 +223,7 @@ def add_scores(job: FilterJob, spec: Clean, chain: Chain, rows: pa.Table) -> pa.
     return rows
 
 
-def write(job: FilterJob, name: str, number: int, rows: pa.Table) -> None:
+def write_part(job: FilterJob, name: str, number: int, rows: pa.Table) -> None:
     """Write the rows of a bucket as a part of a table, if there are any. Raises DiskFull."""
     if rows.num_rows:
         path = Path(job.out, table(name).short, f"part-{number:05d}.parquet")

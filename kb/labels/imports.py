@@ -105,7 +105,7 @@ def unite(run: Run, others: Sequence[Path]) -> int:
         rows = conform(LABELS, con.sql(_NEWEST).to_arrow_table())
         if not rows.equals(old):
             _write(run.root, rows)
-    if not rows.equals(old) and manifest.read(run.root, "pairs") is not None:
+    if not rows.equals(old) and manifest.read_manifest(run.root, "pairs") is not None:
         with domain_binding.writing(run, "labels", "pairs"), database.connect(run.root) as con:
             con.register("given", none)
             con.register("old", rows)
@@ -121,15 +121,19 @@ def stored(root: Path) -> pa.Table:
     return pa.concat_tables([none, *tables]).combine_chunks()
 
 
-def replace_answers(root: Path, answers: Sequence[dict[str, Any]]) -> None:
-    """Write answers of a person about an item in place of those that they gave before. Call it
-    under the lock of labels.
+def replace_answers(
+    root: Path, kind: str, item_id: str, annotator: int, answers: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Write a person's answers to an item in place of those that they gave before, which are
+    returned. Call it under the lock of labels.
     """
-    key = ("kind", "item_id", "annotator")
-    ours = {tuple(one[name] for name in key) for one in answers}
-    kept = [row for row in stored(root).to_pylist() if tuple(row[name] for name in key) not in ours]
+    key, ours = ("kind", "item_id", "annotator"), (kind, item_id, annotator)
+    every = stored(root).to_pylist()
+    before = [row for row in every if tuple(row[name] for name in key) == ours]
+    kept = [row for row in every if tuple(row[name] for name in key) != ours]
     rows = sorted([*kept, *answers], key=lambda row: [row[name] for name in (*key, "question")])
     _write(root, pa.Table.from_pylist(rows, table(LABELS).arrow()))
+    return before
 
 
 def _write(root: Path, rows: pa.Table) -> None:
@@ -145,7 +149,7 @@ def _judge(con: DuckDBPyConnection, root: Path) -> dict[str, int]:
         begin, end = one.found or (one.start, one.end)
         for name, where in ((one.table, "true"), *one.rejected):
             if files := manifest.rows(root, name):
-                parquet.check(*files)
+                parquet.verify_files(*files)
                 selects.append(
                     f"SELECT '{kind}' AS kind, {one.key} AS item_id, video_id,"
                     f" {one.stratum} AS stratum, {begin} AS start_s, {end} AS end_s"
@@ -169,7 +173,7 @@ def _measured(con: DuckDBPyConnection, root: Path, rows: pa.Table) -> dict[str, 
     con.register("labels", rows)
     judged = set(rows["kind"].to_pylist())
     section = {kind: figures(con, one) for kind, one in KINDS.items() if kind in judged}
-    if manifest.read(root, "pairs") is not None:
+    if manifest.read_manifest(root, "pairs") is not None:
         write_measure(root, SECTION, section)
     return section
 

@@ -69,7 +69,7 @@ def build(
     The same input gives the same bytes. Raises ProfileError, MissingExtra, FatalError without
     clean tables, Interrupted, WriterLocked, DamagedData, DiskFull.
     """
-    keywords = check(run)
+    keywords = required_keywords(run)
     with domain_binding.writing(run, "links"):
         files, inputs = texts.files(run.root, "links"), texts.inputs(run.root, "links")
         called = names() if _PAGES in files else {}
@@ -86,14 +86,14 @@ def build(
         ]
         plan = {"keywords": lists.plain(keywords)}
         with parted_build(run, "links", inputs, plan) as parted:
-            parted.make(parts, make_part, "files", [path for _, path in paths])
+            parted.make_parts(parts, make_part, "files", [path for _, path in paths])
             if _PAGES in files:
                 _title_rows(parted.folder, keywords, own)
             _finish(parted, keywords, own)
     return _summary(run.root)
 
 
-def check(run: Run) -> Keywords:
+def required_keywords(run: Run) -> Keywords:
     """The profile's keywords, when everything else that links need is there.
 
     Raises ProfileError, FatalError without clean tables.
@@ -218,7 +218,7 @@ def _finish(parted: PartedBuild, keywords: Keywords, own: Mapping[int, Own]) -> 
 
 def _summary(root: Path) -> Summary:
     root = Catalog(root.absolute()).workplace
-    made = manifest.read(root, "links")
+    made = manifest.read_manifest(root, "links")
     figures = made.figures if made is not None else {}
     shown = ("entities", "with_page", "links", "mentions", "sources")
     return Summary(

@@ -145,7 +145,7 @@ def surroundings(root: Path, place: SourceLocation, readers: Readers) -> AgentDo
     """The document of a place. Raises UsageError for an unknown place, DamagedData."""
     if not SOURCES[place.source].ref:
         raise UsageError(f"`read` does not support {place.source}", hint="use `query`")
-    tables = OpenTables([table_catalog.read(root)])
+    tables = OpenTables([table_catalog.read_catalog(root)])
     return readers[place.source].document(tables, place)
 
 
@@ -201,7 +201,7 @@ def first_row(
     tables: OpenTables, short: str, where: str, values: Sequence[Any]
 ) -> dict[str, Any] | None:
     """The first row that matches, from the fullest table of that name that has one."""
-    for one in tables.ranked(short):
-        if rows := tables.rows(f"FROM {one.full} WHERE {where}", values).to_pylist():
+    for view in tables.ranked(short):
+        if rows := tables.rows(f"FROM {view.full} WHERE {where}", values).to_pylist():
             return dict(rows[0])
     return None

@@ -23,7 +23,7 @@ def run_search(
 
     An index that is missing or out of date is built first.
     """
-    chosen = [one for one in SOURCES if not sources or one in sources]
+    chosen = [source for source in SOURCES if not sources or source in sources]
     with _BUILDING:
         ensure(run, chosen)
     answers, meant, instead = search_as_meant(
@@ -38,7 +38,7 @@ def run_search(
         count = f"Nothing has these words; read as {meant!r}: {count}"
     head = f"{fence.note}\n{count}, best first; `read` with a ref returns the surroundings."
     head += f"\n{known}" * bool(known.lacking)
-    parts = [_part(number, one) for number, one in enumerate(answers, 1)]
+    parts = [_part(number, hit) for number, hit in enumerate(answers, 1)]
     return fit(fence, head, parts, _left_out, size)
 
 
@@ -47,15 +47,15 @@ def _left_out(count: int) -> str:
     return f"{what} left out: raise max_chars, or lower limit."
 
 
-def _part(number: int, one: SearchHit) -> AnswerPart:
-    licence = f"licence {one.licence}" if one.licence else "no licence given"
-    parts = [f"{one.source} {one.kind}", one.date, revision(one.url), licence]
+def _part(number: int, hit: SearchHit) -> AnswerPart:
+    licence = f"licence {hit.licence}" if hit.licence else "no licence given"
+    parts = [f"{hit.source} {hit.kind}", hit.date, revision(hit.url), licence]
     facts = " · ".join(part for part in parts if part)
-    where = " › ".join(part for part in (one.title, one.path) if part)
+    where = " › ".join(part for part in (hit.title, hit.path) if part)
     return AnswerPart(
-        f"{number}. {facts} · score {one.score:.2f}\nlink: {one.url}\nref: {ref(one)}",
-        f"{where}\n{one.text}",
-        f"{where}\n{one.snippet}",
+        f"{number}. {facts} · score {hit.score:.2f}\nlink: {hit.url}\nref: {ref(hit)}",
+        f"{where}\n{hit.text}",
+        f"{where}\n{hit.snippet}",
     )
 
 
@@ -65,9 +65,9 @@ def revision(url: str) -> str:
     return f"revision {number[0]}" if number else ""
 
 
-def ref(one: SearchHit) -> str:
+def ref(hit: SearchHit) -> str:
     """The reference to an answer's place, for `read`."""
-    known = from_link(one.url)
-    if known is None or known.source != one.source:
-        return f"{one.source}:{one.key}"
-    return known.ref if SOURCES[one.source].hosts else known._replace(key=one.key).ref
+    known = from_link(hit.url)
+    if known is None or known.source != hit.source:
+        return f"{hit.source}:{hit.key}"
+    return known.ref if SOURCES[hit.source].hosts else known._replace(key=hit.key).ref

@@ -42,7 +42,7 @@ _LICENCES = 10  # of a source
 def run_query(root: Path, sql: str, rows: int, seconds: float, size: int) -> str:
     """The first rows as CSV in at most `size` characters. Raises DamagedData."""
     fence = Fence()
-    views = table_catalog.read(root).views
+    views = table_catalog.read_catalog(root).views
     head = f"{fence.note}\nThe answer as CSV, times in UTC."
     room = size - len(head) - len(_LEFT_OUT) - len(fence.mark("")) - 6
     try:
@@ -96,7 +96,7 @@ def serve(run: Run, readers: Readers) -> None:
 
     Raises MissingExtra without the SDK, UsageError if there are no tables.
     """
-    server = make(run, readers)
+    server = make_server(run, readers)
     import anyio
 
     try:
@@ -111,7 +111,7 @@ def serve(run: Run, readers: Readers) -> None:
     os._exit(0)  # a thread may still wait for stdin, or for an answer that is no longer wanted
 
 
-def make(run: Run, readers: Readers) -> Any:
+def make_server(run: Run, readers: Readers) -> Any:
     """The server with its tools. Raises as `serve`."""
     try:
         from mcp.server import MCPServer
@@ -122,7 +122,7 @@ def make(run: Run, readers: Readers) -> Any:
             f"kb mcp needs the Python package {error.name}",
             hint=install_extra("mcp"),
         ) from None
-    table_catalog.read(run.root)
+    table_catalog.read_catalog(run.root)
 
     class AgentServer(MCPServer):
         """The SDK's server. Null stands for an argument that is left out, as clients send it that
@@ -274,23 +274,29 @@ def _wrong_arguments(error: ValidationError) -> str:
     problems: dict[str, str] = {}
     # If an argument can be given in several ways, the error for a single value helps most.
     every = error.errors(include_url=False)
-    every.sort(key=lambda one: one["type"] != "literal_error" or isinstance(one["input"], list))
-    for one in every:
-        name = str(one["loc"][0]) if one["loc"] else "arguments"
-        value = repr(one["input"])
+    every.sort(
+        key=lambda problem: problem["type"] != "literal_error" or isinstance(problem["input"], list)
+    )
+    for problem in every:
+        name = str(problem["loc"][0]) if problem["loc"] else "arguments"
+        value = repr(problem["input"])
         value = value if len(value) <= _VALUE else f"{value[: _VALUE - 1]}…"
-        if one["type"] == "missing":
+        if problem["type"] == "missing":
             problems[name] = f"{name} is missing"
             continue
-        literal = one["type"] == "literal_error"
-        valid = one["ctx"]["expected"] if literal else one["msg"].removeprefix("Input should be ")
+        literal = problem["type"] == "literal_error"
+        valid = (
+            problem["ctx"]["expected"]
+            if literal
+            else problem["msg"].removeprefix("Input should be ")
+        )
         problems.setdefault(name, f"{name} is {value}; valid: {valid}")
     return "; ".join(problems.values())
 
 
 def run_about(run: Run, size: int) -> str:
     """Sources with dates and licences, the index, the views. Raises DamagedData, UsageError."""
-    opened = OpenTables([table_catalog.read(run.root)])
+    opened = OpenTables([table_catalog.read_catalog(run.root)])
     fence = Fence()
     head = (
         f"{fence.note}\n"
@@ -299,15 +305,16 @@ def run_about(run: Run, size: int) -> str:
         " over the views below; SELECT column_name FROM (DESCRIBE view) lists columns."
     )
     sources = [source for source in SOURCES.values() if source.ref]
-    parts = [AnswerPart(_source(opened, one), _licences(opened, one)) for one in sources]
+    parts = [AnswerPart(_source(opened, source), _licences(opened, source)) for source in sources]
     known = [part for part in parts if part.facts]
     index = AnswerPart("\n".join([str(coverage(run.root)), *_indexed(run)]), "")
     short = {view.full: f" (also {name})" for name, view in bare(opened.views).items()}
     views = [
         AnswerPart(
-            f"view {name}{short.get(name, '')}: {TableView(one).count_rows():,} rows. {one.doc}", ""
+            f"view {name}{short.get(name, '')}: {TableView(view).count_rows():,} rows. {view.doc}",
+            "",
         )
-        for name, one in sorted(opened.named.items())
+        for name, view in sorted(opened.named.items())
     ]
     left_out = "{} more parts were left out: raise max_chars.".format
     return fit(fence, head, [*known, index, *views], left_out, size)

@@ -59,7 +59,7 @@ class _Watch:
             yield
         except Exception as error:
             if key in self._late:
-                signals.stop.check()
+                signals.stop.raise_if_asked()
                 raise TooSlow(f"no whole answer within {seconds:.0f} s") from error
             raise
         finally:
@@ -68,7 +68,7 @@ class _Watch:
                 late = key in self._late
                 self._late.discard(key)
         if late:  # it looked like the end of the body
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             raise TooSlow(f"no whole answer within {seconds:.0f} s")
 
     def _shut_late(self) -> None:
@@ -139,7 +139,7 @@ def parts(response: requests.Response, *, most: int, seconds: float) -> Iterator
             yield part
 
 
-def read(response: requests.Response) -> None:
+def read_body(response: requests.Response) -> None:
     """Read the whole body, which is the response's `content` from then on. Raises as `parts`."""
     body = bytearray()
     try:

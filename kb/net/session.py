@@ -120,12 +120,12 @@ class Door(HTTPAdapter):
 
         Raises what `stray` makes, what the ledger raises, and Untrusted.
         """
-        self.check(request.url or "")
+        self.require_allowed(request.url or "")
         note = self._ledger(request) if self._ledger is not None else None
         try:
             response = self.pass_on(request, *arguments, **options)
             if response.is_redirect or not options.get("stream"):
-                bounded.read(response)
+                bounded.read_body(response)
         except BaseException as error:
             if note is not None:
                 note(type(error).__name__, sent=not never_sent(error))
@@ -136,7 +136,7 @@ class Door(HTTPAdapter):
             note(str(response.status_code))
         return response
 
-    def check(self, url: str) -> None:
+    def require_allowed(self, url: str) -> None:
         """Raises when nothing may be sent to an address."""
         if self._hosts is not None and host_of(url) not in self._hosts:
             raise self._stray(url)

@@ -51,7 +51,7 @@ def build(run: Run) -> Summary:
 
     Raises ProfileError, MissingExtra, FatalError without transcripts, Interrupted.
     """
-    section, keywords = run.profile.section(Pairs), check(run)
+    section, keywords = run.profile.section(Pairs), required_keywords(run)
     plan = {
         "section": section.model_dump(mode="json"),
         "seed": run.seed,
@@ -65,7 +65,9 @@ def build(run: Run) -> Summary:
         inputs = manifest.inputs(run.root, "pairs")
         with parted_build(run, "pairs", inputs, plan) as parted:
             parts = _parts(run.root)
-            parted.make(parts, make_part, "transcripts", {Path(p.arguments[0]) for p in parts})
+            parted.make_parts(
+                parts, make_part, "transcripts", {Path(p.arguments[0]) for p in parts}
+            )
             sorted_shards(parted.rows, parted.build.folder, "pairs/pairs", released=False)
             quality.finish(parted.rows, parted.build.folder)
             _write_measures(run, parted.build)
@@ -82,7 +84,7 @@ def build(run: Run) -> Summary:
 
 def _write_measures(run: Run, fresh: manifest.Build) -> None:
     """Figures of all pairs; those of samples still hold where the rules are the same."""
-    old = manifest.read(run.root, "pairs")
+    old = manifest.read_manifest(run.root, "pairs")
     kept = measures.read_measures(Layout(run.root).pairs) if old is not None else {}
     if old is not None and freshness.changes(old, fresh.settings):
         if kept.keys() - {measures.PAIRS}:
@@ -95,7 +97,7 @@ def _write_measures(run: Run, fresh: manifest.Build) -> None:
     measures.count_pairs(run.root, fresh.folder, kept)
 
 
-def check(run: Run) -> lists.Keywords:
+def required_keywords(run: Run) -> lists.Keywords:
     """The profile's keywords, when the extra that pairs need is installed.
 
     Raises ProfileError, MissingExtra.
@@ -154,7 +156,7 @@ def _figures(parted: PartedBuild, keywords: lists.Keywords) -> dict[str, Any]:
 
 
 def _summary(root: Path) -> Summary:
-    made = manifest.read(root, "pairs")
+    made = manifest.read_manifest(root, "pairs")
     figures = made.figures if made is not None else {}
     return Summary(
         {"command": "pairs", "source": "pairs"},

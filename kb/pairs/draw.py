@@ -212,7 +212,7 @@ def draw(run: Run, asked: Asked, out: Path, *, plan: bool = False) -> Summary:
     place = table_catalog.outside(run.root, out)
     if not plan and place.exists() and not (place / PAIRS).is_file():
         raise UsageError(f"--out {out} exists and is not a draw of pairs", hint="name a new folder")
-    catalog = table_catalog.read(run.root)
+    catalog = table_catalog.read_catalog(run.root)
     every = asking(catalog)
     with (
         reading(catalog.files("pairs/pairs")),

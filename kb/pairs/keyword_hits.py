@@ -44,7 +44,7 @@ def keyword_lines(
     with run.progress.task("keywords", total, "transcripts") as task:
         for path in transcripts.parts(run.root):
             for text in transcripts.texts(path, 0, left):
-                signals.stop.check()
+                signals.stop.raise_if_asked()
                 shown.add(text, tools, counts)
                 task.advance(len(text))
                 left = left - len(text) if left is not None else None

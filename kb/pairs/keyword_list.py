@@ -124,7 +124,7 @@ def _understood(text: str, near_words: int) -> tuple[tuple[Row, ...], tuple[Prob
     return tuple(rows), tuple(problems)
 
 
-def read(path: Path, near_words: int) -> list[Keyword]:
+def read_keywords(path: Path, near_words: int) -> list[Keyword]:
     """One keyword file. Raises ProfileError that names the line."""
     rows, problems = scan(path, near_words)
     if problems:

@@ -36,7 +36,7 @@ from kb.pairs.keyword_list import (
     alternatives,
     forms,
     numbers,
-    read,
+    read_keywords,
 )
 from kb.pairs.matching import Matcher, phrase
 
@@ -47,10 +47,10 @@ __all__ = [
     "Keyword",
     "Keywords",
     "load",
-    "make",
+    "make_keywords",
     "of_plain",
     "plain",
-    "read",
+    "read_keywords",
 ]
 
 EXCLUDED = -1
@@ -121,13 +121,13 @@ def load(profile: Profile) -> Keywords:
     listed = [
         keyword
         for name in section.keyword_files
-        for keyword in read(profile.resolve_file(name), section.near_words)
+        for keyword in read_keywords(profile.resolve_file(name), section.near_words)
     ]
     listed += [Keyword(" ".join(text.split()), "phrase") for text in section.include]
-    return make(listed, section.exclude, f"profile {profile.path}")
+    return make_keywords(listed, section.exclude, f"profile {profile.path}")
 
 
-def make(
+def make_keywords(
     listed: list[Keyword], exclude: tuple[str, ...] | list[str] = (), where: str = "the list"
 ) -> Keywords:
     """Keywords with all their forms.

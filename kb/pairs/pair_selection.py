@@ -29,7 +29,7 @@ def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
     files = catalog.files("pairs/pairs")
     if not files:
         raise FatalError("there are no pairs", hint="run `kb pairs` first, or --data a release")
-    parquet.check(*files)
+    parquet.verify_files(*files)
     columns, joins = ["p.*"], [f"{scan(files)} AS p"]
     if "text" not in parquet.open_file(files[0]).schema_arrow.names:
         columns.append("NULL::VARCHAR AS text")

@@ -53,7 +53,7 @@ def release_draw(
             hint="write lower-case letters, digits and hyphens",
         )
     own = f"draw-{name}" if name else "draw"
-    catalog = table_catalog.read(run.root)
+    catalog = table_catalog.read_catalog(run.root)
     if catalog.is_download:
         place = table_catalog.outside(run.root, out or DEFAULT_OUT.with_name(own))
     elif out is not None:
@@ -63,7 +63,7 @@ def release_draw(
         )
     else:
         freshness.refuse(run, "release/pairs")
-        catalog = table_catalog.read(Layout(run.root).release())
+        catalog = table_catalog.read_catalog(Layout(run.root).release())
     _check_condition(asked.where)
     with (
         reading(catalog.files("pairs/pairs")),

@@ -116,8 +116,8 @@ def hash_of(word: str) -> int:
     joined = np.array([first, last, len(data)], np.uint64)
     with np.errstate(over="ignore"):
         factors = np.array([_FIRST, _LAST, _LENGTH], np.uint64)
-        one, other, length = joined * factors
-        return int(mixed(np.array([(one ^ other) + length], np.uint64))[0])
+        left, other, length = joined * factors
+        return int(mixed(np.array([(left ^ other) + length], np.uint64))[0])
 
 
 def is_among(hashes: np.ndarray, known: np.ndarray) -> np.ndarray:

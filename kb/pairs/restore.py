@@ -67,13 +67,13 @@ class TextRestore:
     @property
     def wanted(self) -> bool:
         """Whether a folder of pairs was chosen."""
-        return bool(self.content.of("pairs"))
+        return bool(self.content.folders_of("pairs"))
 
-    def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
-        """As `RestoreJob.check`. Raises ProfileError without [pairs], SettingError."""
+    def check_settings(self, needed: tuple[str, ...]) -> tuple[str, ...]:
+        """As `RestoreJob.check_settings`. Raises ProfileError without [pairs], SettingError."""
         if self.wanted:
             self.run.profile.section(Pairs)
-        if len(self.content.of("pairs")) > 1:
+        if len(self.content.folders_of("pairs")) > 1:
             raise SettingError(
                 "several folders contain pairs",
                 hint="restore one index at a time, each into its own --data",
@@ -87,7 +87,7 @@ class TextRestore:
         items = 0
         restored = _ids(parquet_files(Layout(self.run.root).restored("pairs")), "pair_id")
         asked = pa.array(self.left(), pa.string())
-        for folder in self.content.of("pairs"):
+        for folder in self.content.folders_of("pairs"):
             rows = _wanted(self.run.root, folder, self.content)
             done = pc.is_in(rows["pair_id"].cast(pa.string()), value_set=restored)
             waits = pc.is_in(rows["video_id"].cast(pa.string()), value_set=asked)
@@ -96,7 +96,7 @@ class TextRestore:
 
     def restore(self) -> Summary:
         """As `RestoreJob.restore`; pairs of removed videos are left out. Raises DamagedData."""
-        at, (folder,) = Layout(self.run.root), self.content.of("pairs")
+        at, (folder,) = Layout(self.run.root), self.content.folders_of("pairs")
         transcripts = parquet_files(at.restored(VIDEOS, "transcripts"))
         rows = _wanted(self.run.root, folder, self.content)
         return fill(self.run, rows, transcripts, "restored/pairs")
@@ -163,7 +163,7 @@ def fill(
     ):
         for path in files:
             for batch in transcripts.texts(path):
-                signals.stop.check()
+                signals.stop.raise_if_asked()
                 for number, video in enumerate(cast("list[str]", batch.ids.to_pylist())):
                     if video not in places:
                         continue

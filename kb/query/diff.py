@@ -158,13 +158,13 @@ class Comparison:
             " WHERE false"
             for rows, more in zip(scans, (names, ()), strict=True)
         ]
-        told = "".join(
+        owns = "".join(
             f", CASE WHEN n.key IS NULL THEN o.o{number} END AS o{number}"
             for number in range(len(owners))
         )
         return (
             "SELECT coalesce(n.key, o.key) AS key, CASE WHEN o.key IS NULL THEN 'came' WHEN n.key"
-            f" IS NULL THEN 'went' ELSE 'changed' END AS change{told} FROM ({sides[0]}) o FULL JOIN"
+            f" IS NULL THEN 'went' ELSE 'changed' END AS change{owns} FROM ({sides[0]}) o FULL JOIN"
             f" ({sides[1]}) n ON o.key = n.key"
             " WHERE o.key IS NULL OR n.key IS NULL OR o.content <> n.content"
         )
@@ -203,9 +203,10 @@ class Comparison:
                     self.con.unregister("removed")
             for rank, verdict in enumerate(VERDICTS, 1):
                 if (view := self.new.get(f"clean.{source}_{verdict}")) is not None:
-                    told = "stage, reason, value, threshold"
-                    told = told if verdict == "rejected" else f"'{verdict}', reason, NULL, NULL"
-                    self._note(source, told, rank, scan(view.files))
+                    columns = f"'{verdict}', reason, NULL, NULL"
+                    if verdict == "rejected":
+                        columns = "stage, reason, value, threshold"
+                    self._note(source, columns, rank, scan(view.files))
             if (view := self.new.get("restored.missing")) is not None:
                 missing = f"{scan(view.files)} WHERE source = '{source}'"
                 self._note(source, "'missing', reason, NULL, NULL", 9, missing)
@@ -225,7 +226,7 @@ class Comparison:
 
 def _form_of(source: str, side: Mapping[str, View], other: Mapping[str, View]) -> str:
     """The schema in which a side's tables of a source are compared, "" where it has none."""
-    names = {view_name(one) for one in tables().values() if one.source == source}
+    names = {view_name(table) for table in tables().values() if table.source == source}
     mine, theirs = (
         [form for form in FORMS if any(f"{form}.{name}" in views for name in names)]
         for views in (side, other)
@@ -244,7 +245,7 @@ def _owners(declared: Table) -> list[Owner]:
                 key = f"'{prefix}' || {_quoted(column)}::VARCHAR"
                 is_itself = declared.name == f"{source.name}/{short}"
                 owners.append((not is_itself, short == source.main, Owner(source.name, key)))
-    return [owner for *_, owner in sorted(owners, key=lambda one: one[:2])]
+    return [owner for *_, owner in sorted(owners, key=lambda ranked: ranked[:2])]
 
 
 def _quoted(name: str) -> str:

@@ -149,11 +149,11 @@ def _check(views: Sequence[View], progress: Progress) -> None:
     size = checksums.unverified_size(files)
     if size < _QUICK:
         for view in views:
-            view.check()
+            view.verify_files()
         return
     with progress.task("check the tables (once)", total=size, unit="bytes") as task:
         for view in views:
-            view.check(task.advance)
+            view.verify_files(task.advance)
 
 
 def _batches(

@@ -103,7 +103,7 @@ class _RemoteFile:
     def _file(self) -> BinaryIO:
         if self._name.endswith(".parquet"):
             return self._folder.open(self._name)
-        return io.BytesIO(self._folder.read(self._name))
+        return io.BytesIO(self._folder.read_file(self._name))
 
     def seek(self, offset: int, whence: int = 0) -> int:
         """Move this thread's position."""

@@ -53,7 +53,7 @@ def connect(
     if views is None:
         views = tables.views if tables else []
         if tables:
-            tables.check()
+            tables.require_tables()
     system = RemoteFiles()
     files = _make(con, views, system) | system.addresses
     # DuckDB checks the pattern, then the file.

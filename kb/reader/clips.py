@@ -68,7 +68,7 @@ class Clips(QueryResult):
         else:
             given = [videos] if isinstance(videos, str | os.PathLike) else videos or ()
             source = Films(
-                [Path(one).absolute() for one in given],
+                [Path(folder).absolute() for folder in given],
                 dict(
                     zip(*rows.select(["video_id", "duration_s"]).to_pydict().values(), strict=True)
                 ),
@@ -140,9 +140,9 @@ def _sql(opened: OpenTables, pairs: View, ranked: list[View], keyword: str | Non
             measures += f", {name}.* EXCLUDE ({keys})"
     timing = "p.timing" if "timing" in own else "NULL::VARCHAR"
     removed = [
-        f"SELECT key FROM {one.full} WHERE source = '{source}'"
+        f"SELECT key FROM {view.full} WHERE source = '{source}'"
         for source in (*made_of("pairs"), "pairs")
-        for one in opened.ranked(f"{source}_tombstones")
+        for view in opened.ranked(f"{source}_tombstones")
     ]
     left = f"AND p.video_id NOT IN ({' UNION ALL '.join(removed)})" if removed else ""
     asked = "true"

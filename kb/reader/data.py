@@ -45,12 +45,14 @@ def load(
     an address needs.
     """
     given: list[Place] = []
-    for one in places or ("data",):
-        given += [one] if isinstance(one, str | os.PathLike) else one
-    remote = [address for one in given if (address := table_catalog.address_of(one))]
-    local = [Path(one) for one in given if not table_catalog.address_of(one)]
-    views = [view for one in remote for view in remote_release.read_views(one, storage_options)]
-    return Data([table_catalog.read(path) for path in local], views)
+    for place in places or ("data",):
+        given += [place] if isinstance(place, str | os.PathLike) else place
+    remote = [address for place in given if (address := table_catalog.address_of(place))]
+    local = [Path(place) for place in given if not table_catalog.address_of(place)]
+    views = [
+        view for address in remote for view in remote_release.read_views(address, storage_options)
+    ]
+    return Data([table_catalog.read_catalog(path) for path in local], views)
 
 
 class Data:
@@ -182,7 +184,7 @@ class Data:
         return search.find(self._opened, words, _several(source), only, size, entity)
 
     def _repr_html_(self) -> str:
-        methods = ", ".join(["data[name]", *(f"data.{one}(…)" for one in _METHODS)])
+        methods = ", ".join(["data[name]", *(f"data.{method}(…)" for method in _METHODS)])
         caption = f"<b>Lorecrawl</b> {html.text(', '.join(self._opened.folders()), 400)}"
         return html.block(
             self.tables._repr_html_() + f"<small>{html.text(methods)}</small>", caption=caption

@@ -37,22 +37,22 @@ def find(
     Raises UsageError if there are no texts, WriterLocked, DamagedData, DiskFull.
     """
     for what, given, known in (("source", sources, SOURCES), ("kind", only.kinds, KINDS)):
-        if wrong := [one for one in given if one not in known]:
+        if wrong := [name for name in given if name not in known]:
             raise UsageError(f"unknown {what} {wrong[0]!r}", hint=f"use one of {', '.join(known)}")
     if not opened.catalogs:
         raise UsageError("a release at an address can't be searched", hint="download it first")
     hits = []
     chosen = sources or tuple(SOURCES)
     indexable = [
-        one
-        for one in opened.catalogs
-        if any(texts.files(one.path, f"index/{name}") for name in chosen)
+        catalog
+        for catalog in opened.catalogs
+        if any(texts.files(catalog.path, f"index/{name}") for name in chosen)
     ]
-    for one in indexable or opened.catalogs:
-        ensure(_run(one), chosen)
-        hits += search(one.path, words, sources=sources, only=only, size=size, entity=entity)
-    hits.sort(key=lambda one: -one.score)
-    rows = [msgspec.to_builtins(one) for one in hits[: only.limit]]
+    for catalog in indexable or opened.catalogs:
+        ensure(_run(catalog), chosen)
+        hits += search(catalog.path, words, sources=sources, only=only, size=size, entity=entity)
+    hits.sort(key=lambda hit: -hit.score)
+    rows = [msgspec.to_builtins(hit) for hit in hits[: only.limit]]
     return QueryResult(pa.Table.from_pylist(rows, schema=_SCHEMA))
 
 

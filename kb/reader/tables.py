@@ -213,7 +213,7 @@ class TableView(RowSet):
                 return self.view.remote.dataset
             if self._is_list:
                 return ds.dataset(read_tombstones(self.view.files[0]))
-            parquet.check(*self.view.files)
+            parquet.verify_files(*self.view.files)
             return parquet_dataset(list(map(library_path, self.view.files)))
 
     @property
@@ -341,13 +341,13 @@ class Tables(Mapping[str, TableView]):
         reached = set(self._short.values())
         lines = [
             (
-                one.name.partition(".")[2] if one.name in reached else one.name,
-                one.name.partition(".")[0],
-                one.count_rows(),
-                len(one.schema),
-                one.doc,
+                table.name.partition(".")[2] if table.name in reached else table.name,
+                table.name.partition(".")[0],
+                table.count_rows(),
+                len(table.schema),
+                table.doc,
             )
-            for one in self._full.values()
+            for table in self._full.values()
         ]
         return html.rows(["table", "schema", "rows", "columns", "a row is"], lines)
 
@@ -396,7 +396,7 @@ class OpenTables:
     def __init__(self, catalogs: Sequence[Catalog], remote: Iterable[View] = ()) -> None:
         self.catalogs = catalogs
         self.named: dict[str, View] = {}
-        for view in [*(view for one in catalogs for view in one.views), *remote]:
+        for view in [*(view for catalog in catalogs for view in catalog.views), *remote]:
             check_once(self.named, view)
         self.views = [*self.named.values()]
         self._con: duckdb.DuckDBPyConnection | None = None
@@ -424,8 +424,8 @@ class OpenTables:
         files = [path for view in used for path in view.files]
         with reading(files), reading_views(used):
             for view in used:
-                view.check()
+                view.verify_files()
             return self.con.sql(sql, params=list(parameters)).to_arrow_table()
 
     def folders(self) -> list[str]:
-        return sorted({str(one.home) for one in self.views})
+        return sorted({str(view.home) for view in self.views})

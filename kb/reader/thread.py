@@ -73,11 +73,11 @@ class Thread:
 
     def walk(self) -> Iterator[tuple[int, ThreadComment]]:
         """(level, comment) from the top; orphans come last, starting at level 0."""
-        waiting = [(0, one) for one in reversed([*self.replies, *self.orphans])]
+        waiting = [(0, comment) for comment in reversed([*self.replies, *self.orphans])]
         while waiting:
             level, comment = waiting.pop()
             yield level, comment
-            waiting += [(level + 1, one) for one in reversed(comment.replies)]
+            waiting += [(level + 1, reply) for reply in reversed(comment.replies)]
 
     def __len__(self) -> int:
         """The number of available comments."""
@@ -89,11 +89,11 @@ class Thread:
     def __str__(self) -> str:
         lines = [f"{self.post_id} ({self.post['score']}) {_line(self.title, self.missing)}"]
         first = self.orphans[0] if self.orphans else None
-        for level, one in self.walk():
-            if one is first:
+        for level, comment in self.walk():
+            if comment is first:
                 lines.append(f"-- {_orphans(len(self.orphans))}")
-            text = _line(one.body, one.missing)
-            lines.append(f"{'  ' * (level + 1)}{one.comment_id} ({one.score}) {text}")
+            text = _line(comment.body, comment.missing)
+            lines.append(f"{'  ' * (level + 1)}{comment.comment_id} ({comment.score}) {text}")
         return "\n".join(line.rstrip() for line in lines)
 
     def __repr__(self) -> str:
@@ -110,17 +110,17 @@ class Thread:
             )
         ]
         first = self.orphans[0] if self.orphans else None
-        for number, (level, one) in enumerate(self.walk()):
+        for number, (level, comment) in enumerate(self.walk()):
             if number == _SHOWN:
                 parts.append(f"<div><i>and {len(self) - _SHOWN:,} more</i></div>")
                 break
-            if one is first:
+            if comment is first:
                 parts.append(f"<div><i>{html.text(_orphans(len(self.orphans)))}</i></div>")
-            text = html.text(one.body if one.body is not None else one.missing, _TEXT)
+            text = html.text(comment.body if comment.body is not None else comment.missing, _TEXT)
             parts.append(
                 f'<div style="margin-left:{min(level, 20) * 1.5:.1f}em">'
-                f"<small>{html.text(one.comment_id)}, {html.text(one.score)} points</small> "
-                f"{text}</div>"
+                f"<small>{html.text(comment.comment_id)}, {html.text(comment.score)} points"
+                f"</small> {text}</div>"
             )
         return html.block("".join(parts))
 
@@ -177,8 +177,8 @@ def _filled(
 def _reasons(opened: OpenTables, short: str) -> dict[str, str]:
     """Keys with their reasons, from every table of this name."""
     reasons: dict[str, str] = {}
-    for one in opened.ranked(short):
-        for row in opened.rows(f"SELECT key, reason FROM {one.full}").to_pylist():
+    for view in opened.ranked(short):
+        for row in opened.rows(f"SELECT key, reason FROM {view.full}").to_pylist():
             reasons[row["key"]] = row["reason"]
     return reasons
 
@@ -199,10 +199,12 @@ def _nested(post: dict[str, Any], rows: list[dict[str, Any]], missing: dict[str,
     }
     name = f"t3_{post['post_id']}"
     thread = Thread(post, [], [], missing.get(name))
-    for level, key in reading_order({key: one.parent_id for key, one in every.items()}, name):
-        one = every[key]
-        top = thread.replies if one.parent_id == name else thread.orphans
-        (every[one.parent_id].replies if level else top).append(one)
+    for level, key in reading_order(
+        {key: comment.parent_id for key, comment in every.items()}, name
+    ):
+        comment = every[key]
+        top = thread.replies if comment.parent_id == name else thread.orphans
+        (every[comment.parent_id].replies if level else top).append(comment)
     return thread
 
 
@@ -220,7 +222,7 @@ def reading_order(parents: Mapping[str, str | None], post: str) -> Iterator[tupl
         level, name = waiting.pop()
         reached.add(name)
         yield level, name
-        waiting += [(level + 1, one) for one in reversed(answers.get(name, []))]
+        waiting += [(level + 1, answer) for answer in reversed(answers.get(name, []))]
     yield from ((0, name) for name in parents if name not in reached)
 
 

@@ -103,7 +103,7 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     if (
         size is None
         or size[0] * size[1] > _PIXELS
-        or any(abs(one - other) > 2 * scale for one, other in zip(size, wanted, strict=True))
+        or any(abs(side - other) > 2 * scale for side, other in zip(size, wanted, strict=True))
     ):
         raise DamagedData(f"{where} is not a PNG of {wanted[0]} × {wanted[1]} px", hint=DOWNLOAD)
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
@@ -134,10 +134,10 @@ def outlined(image: Picture, boxes: Iterable[Box], scale: float) -> Picture:
     copy = image.convert("RGB")
     pen = ImageDraw.Draw(copy)
     width = max(1, round(_LINE * scale))
-    for kind, one in ((each.kind, part) for each in boxes for part in each.parts):
-        left, top = round(one.x * scale), round(one.y * scale)
-        right = max(left, round((one.x + one.width) * scale) - 1)
-        bottom = max(top, round((one.y + one.height) * scale) - 1)
+    for kind, part in ((box.kind, part) for box in boxes for part in box.parts):
+        left, top = round(part.x * scale), round(part.y * scale)
+        right = max(left, round((part.x + part.width) * scale) - 1)
+        bottom = max(top, round((part.y + part.height) * scale) - 1)
         pen.rectangle((left, top, right, bottom), outline=COLOURS[kind], width=width)
     return copy
 

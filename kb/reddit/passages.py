@@ -24,7 +24,7 @@ def passages(profile: Profile, root: Path) -> Iterator[Passage]:
         lines = [*plain(post["body"]).splitlines(), *map(plain, post["poll_options"] or ())]
         for text in list(pieces(lines)) or [""]:
             yield made("post", key=f"t3_{key}", text=text, url=url, date=day(post["created_utc"]))
-        for comment in replies.of(key):
+        for comment in replies.rows_of(key):
             there, when = f"{url}_/{comment['comment_id']}/", day(comment["created_utc"])
             for text in pieces(plain(comment["body"]).splitlines()):
                 name = f"t1_{comment['comment_id']}"

@@ -21,7 +21,7 @@ from kb.artifacts.release_folder import (
     TOMBSTONES,
     ReleasedTable,
     ReleaseFolder,
-    read,
+    read_release_folder,
     tombstone_lines,
 )
 from kb.core.config.profile import Profile
@@ -60,24 +60,33 @@ def release(
     """
     refuse_unsigned(run.profile, only or [folder.source for folder in folders.in_root(run.root)])
     exports = exported(run, only)
-    if unlicensed := [one.source for one in exports if not measure.folder_licence(run, one)]:
+    if unlicensed := [
+        export.source for export in exports if not measure.folder_licence(run, export)
+    ]:
         raise _unsigned(run.profile, unlicensed)
     with domain_binding.writing(run, *RELEASES):
         refuse(check.check(run, exports))
         for folder in exports:
             freshness.settle_purged(run, folder.name)
         facts = [write(run, folder, published[folder.source]) for folder in exports]
-        refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
+        refuse(
+            check.check_made(
+                run, [read_release_folder(folder.path, folder.source) for folder in exports]
+            )
+        )
         write_overview(run)
         freshness.note_described(run, (folder.name for folder in exports))
     return Summary(
         command="release",
         folders=len(exports),
-        rows=sum(one.rows for one in facts),
-        bytes=sum(one.size for one in facts),
-        sandbox_model="yes, not for publication" if any(one.sandbox for one in facts) else None,
+        rows=sum(folder.rows for folder in facts),
+        bytes=sum(folder.size for folder in facts),
+        sandbox_model="yes, not for publication"
+        if any(folder.sandbox for folder in facts)
+        else None,
         sources={
-            one.source: {table.table.short: table.rows for table in one.tables} for one in facts
+            folder.source: {table.table.short: table.rows for table in folder.tables}
+            for folder in facts
         },
     )
 
@@ -97,7 +106,7 @@ def refuse_unsigned(profile: Profile, names: Collection[str]) -> None:
 
 def _unsigned(profile: Profile, unlicensed: Sequence[str]) -> NotReleasable:
     lacking = [f"no licence of {', '.join(unlicensed)}"] if unlicensed else []
-    lacking += [one.replace("a ", "no ", 1) for one in profile.release.unsigned()]
+    lacking += [field.replace("a ", "no ", 1) for field in profile.release.unsigned()]
     return NotReleasable(
         f"the profile {profile.path} names {' and '.join(lacking)}",
         hint="set [release.licenses], [[release.creators]] with a name, and release.contact, an"
@@ -123,7 +132,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
                 lost.format(ARTIFACTS[f"release/{source}"].command),
             )
             for source in wanted
-            if source not in there and manifest.read(run.root, f"release/{source}")
+            if source not in there and manifest.read_manifest(run.root, f"release/{source}")
         ]
     )
     if not exports:
@@ -150,7 +159,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
             GateProblem("out of date", name, ", ".join(why))
             for name, why in stale.items()
             if not all(
-                one.endswith(("is missing", "is damaged")) for one in why
+                reason.endswith(("is missing", "is damaged")) for reason in why
             )  # the gate looks at files
         ],
         hint="run `kb build`, which makes what is out of date",
@@ -200,7 +209,10 @@ def write(run: Run, folder: ReleaseFolder, published: MeasuredPublication) -> Fa
             task.advance()
         # Keys removed since collection began, of whatever the folder names.
         columns = table("shared/tombstones").names(released=True)
-        removed = [tombstones.read(run.root, one).select(columns) for one in made_of(folder.source)]
+        removed = [
+            tombstones.tombstone_rows(run.root, source).select(columns)
+            for source in made_of(folder.source)
+        ]
         write_text(folder.path / TOMBSTONES, tombstone_lines(pa.concat_tables(removed)))
         write_samples(folder, run.profile.release.sample_mb)
         write_text(folder.path / SUMS, listed(folder.files()))

@@ -12,7 +12,7 @@ from kb.artifacts.release_folder import (
     TOMBSTONES,
     ReleaseFolder,
     entries,
-    read,
+    read_release_folder,
 )
 from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
@@ -43,8 +43,13 @@ RECIPES = "recipe-*.txt"  # texts of the user's own recipes, which nothing runs
 def in_root(root: Path) -> list[ReleaseFolder]:
     """The folders under `release/` that an export has filled, in the contract's order."""
     at = Layout(root)
-    folders = [read(at.release(one), one) for one in PUBLISHED if one not in SELECTIONS]
-    folders += [read(at.release(name), selection_of(name) or name) for name in selections(root)]
+    folders = [
+        read_release_folder(at.release(one), one) for one in PUBLISHED if one not in SELECTIONS
+    ]
+    folders += [
+        read_release_folder(at.release(name), selection_of(name) or name)
+        for name in selections(root)
+    ]
     return [folder for folder in folders if folder.data]
 
 
@@ -60,7 +65,7 @@ def strays(folder: ReleaseFolder) -> list[Path]:
 
 def samples(folder: ReleaseFolder) -> list[tuple[Table, Path]]:
     """Samples with the tables that they are of: JSON files."""
-    named = {sample_name(one): one for one in released_tables(folder.source)}
+    named = {sample_name(declared): declared for declared in released_tables(folder.source)}
     return [(named[path.name], path) for path in folder.files() if path.name in named]
 
 
@@ -89,7 +94,7 @@ def find(places: Sequence[Path]) -> list[ReleaseFolder]:
                 hint="name a folder with *-00000-of-0000N.parquet and SHA256SUMS in it,"
                 " or one that holds such folders",
             )
-        releases |= {one.path: one for one in mine}
+        releases |= {folder.path: folder for folder in mine}
     return list(releases.values())
 
 
@@ -97,15 +102,15 @@ def verify(run: Run, releases: Folders) -> None:
     """Compare every file with SHA256SUMS, and tables with what schemas/ declare. Raises DamagedData
     for the first that differs.
     """
-    for one in releases:
-        sums = _sums(one.path)
-        one.check()
-        for path in one.data:
+    for folder in releases:
+        sums = _sums(folder.path)
+        folder.require_tables()
+        for path in folder.data:
             if path.name not in sums and path.suffix == ".parquet":
                 raise DamagedData(f"{path} is not in {SUMS}", hint=f"remove it, or {DOWNLOAD}")
-        with run.progress.task(f"verify {one.path.name}", len(sums), "files") as task:
+        with run.progress.task(f"verify {folder.path.name}", len(sums), "files") as task:
             for name, wanted in sums.items():
-                path = one.path / name
+                path = folder.path / name
                 if not path.exists():
                     raise missing([path], DOWNLOAD)
                 with opening(path, hint=DOWNLOAD):
@@ -113,7 +118,7 @@ def verify(run: Run, releases: Folders) -> None:
                 if actual != wanted:
                     raise DamagedData(f"{path} differs from {SUMS}", hint=DOWNLOAD)
                 task.advance()
-        parquet.check_release(*(shard for part in one.parts for shard in part.shards))
+        parquet.check_release(*(shard for part in folder.parts for shard in part.shards))
 
 
 def _sums(folder: Path) -> dict[str, str]:
@@ -138,4 +143,4 @@ def keep_profile(root: Path, releases: Folders) -> None:
 
 def profile_of(releases: Folders) -> Path | None:
     """The profile that the folders were made with; None where none of them holds it."""
-    return next((one.profile for one in releases if one.profile), None)
+    return next((folder.profile for folder in releases if folder.profile), None)

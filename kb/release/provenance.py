@@ -73,7 +73,7 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
     if not lower:
         return Changes()
     before = max(lower, key=lambda path: _number(path.stem))
-    parquet.check(before)
+    parquet.verify_files(before)
     hint = "remove it; changes since that version will be unknown"
     with opening(before, pa.ArrowException, duckdb.Error, ValueError, hint=hint):
         recorded = json.loads((parquet.footer(before).metadata or {}).get(_ABOUT, b"{}"))
@@ -114,7 +114,7 @@ def record(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Non
     path = Layout(root).released(folder.name) / f"{version}.parquet"
     path.parent.mkdir(parents=True, exist_ok=True)
     with writing(path) as fresh:
-        parquet.write(fresh, keys)
+        parquet.write_file(fresh, keys)
 
 
 def _number(version: str) -> tuple[int, ...]:
@@ -128,7 +128,7 @@ def _reasons(
     if source not in SOURCES or short not in SOURCES[source].tables:
         return {}
     prefix = SOURCES[source].tables[short]
-    removed = tombstones.read(root, source).select(["key"])
+    removed = tombstones.tombstone_rows(root, source).select(["key"])
     con.register("gone", removed)
     verdicts = "SELECT key, 'removed' AS stage, 0 AS place FROM gone"
     if files := manifest.rows(root, f"{source}/rejected"):
@@ -198,7 +198,7 @@ def _shown(value: Any) -> str:
     if isinstance(value, tuple):
         return ", ".join(map(str, value))
     if isinstance(value, dict):
-        return ", ".join(f"{name}: {one}" for name, one in value.items())
+        return ", ".join(f"{name}: {inner}" for name, inner in value.items())
     if isinstance(value, float):
         return f"{value:g}"
     return str(value).lower() if isinstance(value, bool) else str(value)

@@ -139,7 +139,7 @@ def quality(data: ReportData, profile: Profile) -> Figure | None:
 
 def named(data: ReportData, profile: Profile) -> Figure | None:
     """The entities that are named most and least, on one axis; how many are not at all."""
-    each = max(3, profile.report.top_keywords // 3)
+    most = max(3, profile.report.top_keywords // 3)
     sources = _sources(data)
     if not sources:
         return None
@@ -147,7 +147,7 @@ def named(data: ReportData, profile: Profile) -> Figure | None:
         f"coalesce(sum(count) FILTER (source = '{source}'), 0)::BIGINT" for source in sources
     )
     first, last = (
-        data.rows(_LINKS, _NAMED.replace("{sources}", sums).replace("{order}", order), each)
+        data.rows(_LINKS, _NAMED.replace("{sources}", sums).replace("{order}", order), most)
         for order in ("DESC", "ASC")
     )
     rows = [*first, *(row for row in reversed(last) if row not in first)]
@@ -202,7 +202,7 @@ def known(data: ReportData, profile: Profile) -> Figure | None:
     who = {source: SOURCES[source].only for source in sources}
     who |= {str(n): f"{_NUMBERS.get(n, n)} of the {every}" for n in range(2, len(sources))}
     who[str(len(sources))] = "both" if every == "two" else f"all {every}"
-    rows = [(name, *by_source.get(one, (0, ""))) for one, name in who.items()]
+    rows = [(name, *by_source.get(entity, (0, ""))) for entity, name in who.items()]
     return bar_figure(
         "links-known",
         "Who knows what",

@@ -77,8 +77,10 @@ def domain_of(profile: Profile) -> Domain:
     youtube, reddit = profile.section_if_any(YouTubeSection), profile.section_if_any(RedditSection)
     topic = tuple(youtube.words) if youtube else (profile.title,)
     listed = keywords.load(profile).every if profile.pairs else ()
-    spoken = [one for one in _spoken(listed, choice.names) if not names_topic(topic, one.name)]
-    names = [one.name for one in spoken] or list(grammar().nouns)
+    spoken = [
+        keyword for keyword in _spoken(listed, choice.names) if not names_topic(topic, keyword.name)
+    ]
+    names = [keyword.name for keyword in spoken] or list(grammar().nouns)
     # Tags of a video: the topic, and two that don't name it.
     free = [tag for tag in grammar().tags if not names_topic(topic, tag)]
     tags = (topic[0].lower(), *(free if len(free) > 1 else grammar().tags)[:2])
@@ -126,13 +128,15 @@ def _choice(path: Path) -> Choice:
 def _spoken(listed: Sequence[Keyword], names: Sequence[str]) -> list[Keyword]:
     """The keywords of these names, or else some of the list, everyday words last."""
     if names:
-        by_name = {one.name: one for one in listed}
+        by_name = {keyword.name: keyword for keyword in listed}
         return [by_name[name] for name in names if name in by_name]
     rng = clock.rng("words of the invented world")
     # What is in no sentence of ours: a brace would be read as a slot.
-    fit = [one for one in listed if not re.search(r"[{}]", one.name)]
-    certain = [one for one in fit if one.reach is None]
-    everyday = [one for one in fit if one.reach not in (None, NEVER) and one.rule != "topic"]
+    fit = [keyword for keyword in listed if not re.search(r"[{}]", keyword.name)]
+    certain = [keyword for keyword in fit if keyword.reach is None]
+    everyday = [
+        keyword for keyword in fit if keyword.reach not in (None, NEVER) and keyword.rule != "topic"
+    ]
     return [
         *rng.sample(certain, min(len(certain), _CERTAIN)),
         *rng.sample(everyday, min(len(everyday), _EVERYDAY)),

@@ -48,7 +48,7 @@ class Noun:
     number: str = "one"
 
     @classmethod
-    def of(cls, title: str, mass: Collection[str], singular: Collection[str]) -> Noun:
+    def from_title(cls, title: str, mass: Collection[str], singular: Collection[str]) -> Noun:
         """The noun of a name, by its head. `mass`: words without a plural; `singular`: words that
         only look like one.
         """
@@ -151,7 +151,7 @@ class Speech:
         self.verbs = tuple(verbs) or ("make",)
         mass, singular = set(given.mass.split()), set(given.singular.split())
         self.topics, self.topic = tuple(topic), topic[0]
-        self.nouns = [Noun.of(name, mass, singular) for name in names]
+        self.nouns = [Noun.from_title(name, mass, singular) for name in names]
         self._weights = [1 / (place + 4) ** 0.8 for place in range(len(names))]
         self._foreign = {
             code: sentences for code, sentences in given.foreign.items() if code != language
@@ -212,7 +212,7 @@ class Speech:
         around = rng.choice(grammar().rules["thing_title"])
         thing = f"{cast.subject.name} {what}"
         values = {"thing": thing, "topic": self.topic, "n": rng.randint(2, 99)}
-        praise = next((one for one in ("easiest", "best") if one in around.lower().split()), "")
+        praise = next((word for word in ("easiest", "best") if word in around.lower().split()), "")
         return _title_case(around.format_map(values)), " ".join(f"{verb} {praise} {thing}".split())
 
     def noun_title(self, rng: random.Random, cast: Cast) -> str:
@@ -277,7 +277,7 @@ _pattern = cache(whole_words)
 def names_topic(topic: Sequence[str], text: str) -> bool:
     """Whether the topic filter sees one of the topic's words in a text."""
     folded = text.casefold()  # most texts have none; the filter's own pattern takes milliseconds
-    if not any(all(word in folded for word in one.casefold().split()) for one in topic):
+    if not any(all(word in folded for word in phrase.casefold().split()) for phrase in topic):
         return False
     return bool(pc.match_substring_regex(text, _pattern(tuple(topic))).as_py())
 

@@ -114,8 +114,10 @@ def without(
     left = asked(kind, params, removed)
     if left is None:
         return None
-    for each in declared.entries:
-        response = _without(response, each.at, partial(_goes, places=each.keys, removed=removed))
+    for listed in declared.entries:
+        response = _without(
+            response, listed.at, partial(_goes, places=listed.keys, removed=removed)
+        )
     if (renamed := declared.renamed) is not None:
         names = removed.get(renamed.of, ())
         response = _without(
@@ -168,10 +170,10 @@ def _with_other_names(
 ) -> RemovedNames:
     """The names that go, with the other names that this answer gives to the same things."""
     others: dict[str, set[str]] = {}
-    for each in declared.entries:
-        for entry in _listed(response, each.at) if len(each.keys) > 1 else []:
-            if _goes(entry, each.keys, removed):
-                for place in each.keys:
+    for listed in declared.entries:
+        for entry in _listed(response, listed.at) if len(listed.keys) > 1 else []:
+            if _goes(entry, listed.keys, removed):
+                for place in listed.keys:
                     if not place.owner and (name := place.text(_at(entry, place.at))):
                         others.setdefault(place.of, set()).add(name)
     if (renamed := declared.renamed) is not None:

@@ -137,7 +137,7 @@ def texts(values: Values, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
         column = _as_array(values, pa.string())
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
         return _each(values, pa.string(), a_text)
-    if not clean and _holds_nul(column):
+    if not clean and pc.any(pc.match_substring(column, "\0")).as_py():
         return _each(values, pa.string(), a_text)
     return column, []
 
@@ -204,10 +204,10 @@ def booleans(values: Values, allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
     words = {"true": True, "false": False} if "string" in allowed else {}
     native = not allowed or "boolean" in allowed
 
-    def one(value: Any) -> bool:
+    def boolean(value: Any) -> bool:
         return value if native and isinstance(value, bool) else words[value]
 
-    return _each(values, pa.bool_(), one)
+    return _each(values, pa.bool_(), boolean)
 
 
 def lists(values: Values, kind: Type) -> tuple[pa.Array[Any], Bad]:
@@ -301,13 +301,9 @@ def _cell(value: Any, kind: Type) -> Any:
     if kind.item is None:
         return a_text(value) if kind.text == "string" else a_number(value)
     try:
-        return None if value is None else [a_number(one) for one in a_list(value)]
+        return None if value is None else [a_number(entry) for entry in a_list(value)]
     except (ValueError, TypeError, OverflowError):
         return []
-
-
-def _holds_nul(texts: pa.Array[Any]) -> bool:
-    return bool(pc.any(pc.match_substring(texts, "\0")).as_py())
 
 
 def inner(value: Any, *names: str) -> Any:

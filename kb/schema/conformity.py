@@ -35,16 +35,16 @@ def column_problems(
         elif field.name not in stored.names:
             yield field.name, f"column {field.name} is missing"
         elif _plain(stored.field(field.name).type) != _plain(field.type):
-            found = stored.field(field.name).type
-            yield field.name, f"column {field.name} is {found}, not {field.type}"
+            stored_type = stored.field(field.name).type
+            yield field.name, f"column {field.name} is {stored_type}, not {field.type}"
 
 
 def value_problem(column: Column, values: Values) -> str:
     """What is wrong with the first number of a column that is outside its declared range, or the
     first time that is of no year from 1 to 9999; "" where there is none.
     """
-    found = _outside(column.parsed, values, column.range)
-    return f"column {column.name} holds {found}" if found else ""
+    wrong = _outside(column.parsed, values, column.range)
+    return f"column {column.name} holds {wrong}" if wrong else ""
 
 
 def limited(column: Column) -> bool:
@@ -56,15 +56,15 @@ def _outside(kind: Type, values: Any, allowed: tuple[float, float] | None) -> st
     if kind.item is not None:
         return _outside(kind.item, pc.list_flatten(values), allowed)
     for index, (_, inner) in enumerate(kind.fields):
-        if found := _outside(inner, pc.struct_field(values, [index]), allowed):
-            return found
+        if wrong := _outside(inner, pc.struct_field(values, [index]), allowed):
+            return wrong
     if kind.text == "date":
         return _YEARS if _beyond(values.cast(pa.int32()), _DATES) else ""
     if kind.text.startswith("timestamp"):
         return _YEARS if _beyond(values.cast(pa.int64()), _TIMES) else ""
     if kind.text in ("string", "bool") or kind.fields or allowed is None:
         return ""
-    low, high = (int(one) if one.is_integer() else one for one in allowed)
+    low, high = (int(bound) if bound.is_integer() else bound for bound in allowed)
     first = _beyond(values, (low, high))
     return f"{first[0]:,}, which is not from {low:,} to {high:,}" if first else ""
 
@@ -82,7 +82,7 @@ def _beyond(values: Any, allowed: tuple[float, float]) -> list[Any]:
 def _has_times(kind: Type) -> bool:
     if kind.item is not None:
         return _has_times(kind.item)
-    inner = any(_has_times(one) for _, one in kind.fields)
+    inner = any(_has_times(field) for _, field in kind.fields)
     return inner or kind.text == "date" or kind.text.startswith("timestamp")
 
 

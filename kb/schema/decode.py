@@ -137,10 +137,10 @@ class ColumnReader:
         made = None if read is None else self._of_json(read)
         if made is not None:
             return made
-        answers = [one for line in lines if (one := self.answer(line)).status == 200]
+        answers = [answer for line in lines if (answer := self.answer(line)).status == 200]
         rows = [
-            AnswerRows(one.fetched_at, _given(one.params, self._asked), len(one.records))
-            for one in answers
+            AnswerRows(answer.fetched_at, _given(answer.params, self._asked), len(answer.records))
+            for answer in answers
         ]
         return self.table(answers), rows
 
@@ -177,10 +177,10 @@ class ColumnReader:
             sizes, records = pc.fill_null(pc.list_value_length(listed), 0), pc.list_flatten(listed)
             if records.null_count:
                 return None
-        values = [reduce(_field, self._paths[one.name], records) for one in self.columns]
-        for n, one in enumerate(self.columns):
+        values = [reduce(_field, self._paths[column.name], records) for column in self.columns]
+        for n, column in enumerate(self.columns):
             if isinstance(values[n], pa.StructArray):
-                if (lists := in_lists(values[n], one.parsed)) is None:
+                if (lists := in_lists(values[n], column.parsed)) is None:
                     return None
                 values[n] = lists
         params = _field(read["request"].combine_chunks(), "params").to_pylist()
@@ -196,15 +196,15 @@ class ColumnReader:
         data: dict[str, pa.Array[Any]] = {}
         rows = sum(answer.size for answer in answers)
         bad_cells: dict[int, list[tuple[str, str, str | None]]] = {}
-        for one, schema, own in zip(self.columns, self._schemas, values, strict=True):
-            array, bad = coerce(own, one.parsed, schema, clean=True)  # no text holds a NUL here
+        for column, schema, own in zip(self.columns, self._schemas, values, strict=True):
+            array, bad = coerce(own, column.parsed, schema, clean=True)  # no text holds a NUL here
             for row, text in bad:
-                bad_cells.setdefault(row, []).append((one.name, "malformed", text))
-            if self._note_absent and not one.nullable and array.null_count > len(bad):
-                _note_absent(array, one.name, bad_cells)
-            data[one.name] = array
+                bad_cells.setdefault(row, []).append((column.name, "malformed", text))
+            if self._note_absent and not column.nullable and array.null_count > len(bad):
+                _note_absent(array, column.name, bad_cells)
+            data[column.name] = array
         moments, _ = times([answer.fetched_at for answer in answers])
-        spread = chain.from_iterable(repeat(n, one.size) for n, one in enumerate(answers))
+        spread = chain.from_iterable(repeat(n, answer.size) for n, answer in enumerate(answers))
         data["fetched_at"] = moments.take(pa.array(list(spread), pa.int32()))
         data["problems"] = problems(bad_cells, rows)
         return pa.table(data)
@@ -225,7 +225,7 @@ def _schema(declared: Table, kind: str, column: Column, path: str) -> dict[str, 
 
 def rows_of(answers: Iterable[DecodedAnswer]) -> list[AnswerRows]:
     """The same answers without what their rows are made of."""
-    return [AnswerRows(one.fetched_at, one.params, len(one.records)) for one in answers]
+    return [AnswerRows(answer.fetched_at, answer.params, len(answer.records)) for answer in answers]
 
 
 def _given(params: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
@@ -234,7 +234,7 @@ def _given(params: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
 
 def _struct(fields: dict[str, Any]) -> pa.DataType:
     return pa.struct(
-        [(name, _struct(one) if isinstance(one, dict) else one) for name, one in fields.items()]
+        [(name, _struct(kind) if isinstance(kind, dict) else kind) for name, kind in fields.items()]
     )
 
 

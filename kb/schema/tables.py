@@ -113,7 +113,7 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         parse_type(self.type)
         if (self.values or self.pattern) and self.type != "string":
             raise ValueError("`values` and `pattern` are for columns of type string")
-        if self.values and (unknown := [one for one, _ in self.words if one not in self.values]):
+        if self.values and (unknown := [word for word, _ in self.words if word not in self.values]):
             raise ValueError(f"`words` name {', '.join(unknown)}, not in `values`")
         try:
             re.compile(self.pattern)
@@ -134,7 +134,7 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     def origin(self, kind: str) -> Origin | None:
         """Where an answer of the raw kind has the value; None where it has none."""
-        return next((one for one in (self.source, *self.also) if one.kind == kind), None)
+        return next((place for place in (self.source, *self.also) if place.kind == kind), None)
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, dict=True):
@@ -155,7 +155,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     def __post_init__(self) -> None:
         """Raises ValueError."""
-        names = Counter(one.name for one in (*self.columns, *self.inputs))
+        names = Counter(column.name for column in (*self.columns, *self.inputs))
         if twice := [name for name, count in names.items() if count > 1]:
             raise ValueError(f"declared twice: {', '.join(twice)}")
         if unknown := {*self.key, *self.sort_by, *filter(None, [self.split_by])} - {*self._by_name}:
@@ -237,7 +237,11 @@ def table(name: str) -> Table:
 
 def released_tables(source: str) -> list[Table]:
     """The declared tables of a source that go into release/, in the order of their names."""
-    return [one for one in tables().values() if one.source == source and one.released]
+    return [
+        declared
+        for declared in tables().values()
+        if declared.source == source and declared.released
+    ]
 
 
 def load_table(path: Path) -> Table:
@@ -247,7 +251,7 @@ def load_table(path: Path) -> Table:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SchemaMismatch(f"{path}: not readable as TOML: {error}") from None
     for what in ("column", "input"):
-        data[what] = [one for block in data.get(what, ()) for one in _blocks(block)]
+        data[what] = [filled for block in data.get(what, ()) for filled in _blocks(block)]
     try:
         return msgspec.convert(data, Table, dec_hook=_origin)
     except msgspec.ValidationError as error:
@@ -272,9 +276,9 @@ def _blocks(block: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _filled(value: Any, word: str) -> Any:
     if isinstance(value, dict):
-        return {key: _filled(one, word) for key, one in value.items()}
+        return {key: _filled(inner, word) for key, inner in value.items()}
     if isinstance(value, list):
-        return [_filled(one, word) for one in value]
+        return [_filled(inner, word) for inner in value]
     return value.replace("{}", word) if isinstance(value, str) else value
 
 

@@ -31,5 +31,5 @@ def is_outermost(element: Any, parents: Mapping[Any, Any], kinds: Mapping[Any, A
     """Whether no other text contains this one's text: the nearest text, cell or table around it
     is a table, or there is none. A text never includes the table that it contains.
     """
-    around = (kinds[one] for one in ancestors(element, parents))
+    around = (kinds[ancestor] for ancestor in ancestors(element, parents))
     return next((kind for kind in around if kind in _HOLDERS), "table") == "table"

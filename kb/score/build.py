@@ -56,9 +56,9 @@ from kb.core.summary import Summary, share_of
 from kb.schema.tables import table
 from kb.score.models import BATCH, ClipModel, checkpoint_file, model_name, unit
 from kb.store.atomic import write_bytes
+from kb.store.damage import read_note
 from kb.store.layout import Layout
 from kb.store.lock import writer
-from kb.store.state import json_files
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import scan
 from kb.store.tables.shard_writer import write_table
@@ -171,7 +171,7 @@ def _watched(path: Path, ticks: np.ndarray, model: ClipModel) -> tuple[np.ndarra
         before = image.astype(np.int16)
         batch.append(image)
         if len(batch) == BATCH:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             embedded.append(model.frames(batch))
             batch = []
     embedded.append(model.frames(batch))
@@ -308,7 +308,7 @@ def put_back(run: Run) -> None:
 
 
 def _read_scores(path: Path) -> VideoScores | None:
-    return json_files.read(path, VideoScores, fix="remove it, then score the pairs again")
+    return read_note(path, VideoScores, fix="remove it, then score the pairs again")
 
 
 @lru_cache(maxsize=1)
@@ -383,7 +383,7 @@ def _quantiles(column: pa.ChunkedArray[Any]) -> dict[str, Any]:
 
 def _calibrated(root: Path, scores: pa.Table, wanted: float) -> dict[str, Any]:
     """What judgements say of similarities; {"judged": 0} without any."""
-    files = table_catalog.read(root).files("labels/labels")
+    files = table_catalog.read_catalog(root).files("labels/labels")
     if not files:
         return {"judged": 0}
     with database.connect(root) as con:

@@ -188,7 +188,7 @@ def usable(root: Path, sources: Sequence[str]) -> list[str]:
 
 
 def _opened(root: Path, source: str) -> PassageIndex:
-    index.check(root, source)
+    index.verify_index(root, source)
     known = index.known(root, source)
     language = str(known.figures["language"]) if known is not None else ""
     return PassageIndex(index.folder(root, source), language)
@@ -248,7 +248,7 @@ def restrict(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[st
     are searched, or no entity has that name; DamagedData.
     """
     workplace = Catalog(root.absolute()).workplace
-    if manifest.read(workplace, "links") is not None:
+    if manifest.read_manifest(workplace, "links") is not None:
         manifest.check_complete(workplace, "links")
         if stale := [source for source in texts.changed(root, "links") if source in sources]:
             raise UsageError(
@@ -285,7 +285,7 @@ def keys(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
     linked: dict[str, set[str]] = {source: set() for source in sources}
     files = Catalog(root.absolute()).files("links/links")
     with reading(files):
-        parquet.check(*files)
+        parquet.verify_files(*files)
         rows = pq.read_table(
             [library_path(path) for path in files],
             columns=["source", "key"],

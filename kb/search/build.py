@@ -69,7 +69,7 @@ def follow(run: Run, source: str, passages: Passages) -> Summary:
             manifest.replacing(home, name, inputs=inputs, settings=settings) as fresh,
         ):
             texts_of = passages(run.profile, root)
-            count = tantivy_index.write(fresh.folder, language, texts_of, task.advance)
+            count = tantivy_index.write_index(fresh.folder, language, texts_of, task.advance)
             fresh.figures = {"passages": count, "language": language}
     return Summary(passages=count, indexed=[source])
 

@@ -103,8 +103,8 @@ class Artifact:
             return "restore it from a copy, or remove it and give `kb label import` every export"
         if self.name.startswith("annotations/"):
             return f"remove it, then run `{self.command}`, which scores its texts again"
-        again = self.command_again
-        return f"run `{again}`" if again != self.command else f"run `{again}` again"
+        command = self.command_again
+        return f"run `{command}`" if command != self.command else f"run `{command}` again"
 
 
 def _declared() -> Iterator[Artifact]:
@@ -128,10 +128,10 @@ def _declared() -> Iterator[Artifact]:
             f"index-{source}",
             reads=tuple(f"{source}/{short}" for short in SOURCES[source].indexed),
             maker=Maker("index", "index", (source,)),
-            settings=tuple(f"{one}.language" for one in SOURCES),
+            settings=tuple(f"{source}.language" for source in SOURCES),
             rules=9,
         )
-    figured = (f"{name}.{key}" for name, one in SOURCES.items() for key in one.figured)
+    figured = (f"{name}.{key}" for name, source in SOURCES.items() for key in source.figured)
     yield Artifact(
         "report",
         (*(f"clean/{source}" for source in SOURCES), "pairs", "tasks", "links"),
@@ -185,7 +185,7 @@ def _kept() -> Iterator[Artifact]:
 
 
 def _clean(source: str) -> Artifact:
-    own = tuple(one.name for one in tables().values() if one.source == source)
+    own = tuple(declared.name for declared in tables().values() if declared.source == source)
     return Artifact(
         f"clean/{source}",
         (f"raw/{source}",),
@@ -200,13 +200,13 @@ def _clean(source: str) -> Artifact:
 
 
 def _made(name: str) -> Artifact:
-    linked = tuple(f"{one}/{short}" for one in SOURCES for short in SOURCES[one].linked)
+    linked = tuple(f"{source}/{short}" for source in SOURCES for short in SOURCES[source].linked)
     return Artifact(
         name,
-        (*(f"clean/{one}" for one in made_of(name)), *PUBLISHED[name].inputs),
+        (*(f"clean/{source}" for source in made_of(name)), *PUBLISHED[name].inputs),
         f"kb {name}",
         name,
-        tuple(one.name for one in tables().values() if one.source == name),
+        tuple(declared.name for declared in tables().values() if declared.source == name),
         linked if name == "links" else (),
         maker=Maker(name, "tables"),
         settings=PUBLISHED[name].decided_by,
@@ -215,7 +215,11 @@ def _made(name: str) -> Artifact:
 
 
 def _released(name: str) -> Artifact:
-    own = tuple(one.name for one in tables().values() if one.source == name and one.released)
+    own = tuple(
+        declared.name
+        for declared in tables().values()
+        if declared.source == name and declared.released
+    )
     owner = PUBLISHED[name].part_of
     reads = tuple(f"{owner}/{short}" for short in SOURCES[owner].indexed) if owner else own
     return Artifact(

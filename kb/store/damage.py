@@ -3,17 +3,26 @@ and its hint is that of the artifact that the file belongs to; no command explai
 
 with opening(path, ValueError):         # what a library says of a broken file becomes DamagedData
     return json.loads(path.read_bytes())
+
+A reader notes the files of a data root that it found damaged, without any lock, a path a line in
+state/damaged-files.txt; a crawl sets noted raw data aside and asks again, a build makes noted
+artifacts again.
 """
 
 import contextlib
-from collections.abc import Iterator, Sequence
+import fcntl
+from collections.abc import Iterable, Iterator, Sequence
 from io import BufferedReader
 from pathlib import Path
+from typing import Any, TypeVar, overload
+
+import msgspec
 
 from kb.core.errors import DamagedData
-from kb.core.regular_file import NotRegular, open_regular
+from kb.core.regular_file import NotRegular, open_regular, read_regular
 from kb.store.artifact_registry import SUMS, artifact_of
-from kb.store.exhausted import is_out_of_memory
+from kb.store.atomic import append
+from kb.store.exhausted import full_disk_is_resumable, is_out_of_memory
 from kb.store.layout import Layout
 
 DOWNLOAD = "download it again, into the same folder"
@@ -74,3 +83,68 @@ def open_file(path: Path, hint: str = "") -> BufferedReader:
         return open_regular(path)
     except NotRegular as error:
         raise unreadable(path, error, hint) from None
+
+
+def note_damage(root: Path, damaged: Iterable[Path]) -> None:
+    """Note files that are missing or not what they were. Raises DiskFull, with none noted.
+
+    Those outside of the data root, and all where it has no state, are left out.
+    """
+    place, top = Layout(root).damaged_files, root.absolute()
+    files = [path.absolute() for path in damaged]
+    lines = [f"{path.relative_to(top)}\n" for path in files if path.is_relative_to(top)]
+    if not lines or not place.parent.is_dir():
+        return
+    with full_disk_is_resumable(place), place.open("ab", buffering=0) as file:
+        # Several processes may do so at a time, and each has to know where its lines begin.
+        fcntl.flock(file, fcntl.LOCK_EX)
+        append(file, "".join(lines).encode())
+
+
+def noted_damage(root: Path, below: Path) -> list[Path]:
+    """The noted files at or below a folder of the data root, by name."""
+    return sorted(root / line for line in set(_noted_lines(root)) if _is_below(root, line, [below]))
+
+
+def forget_damage(root: Path, *below: Path) -> None:
+    """What was noted at or below these was made again, or is to be asked for again."""
+    if not any(_is_below(root, line, below) for line in _noted_lines(root)):
+        return
+    with Layout(root).damaged_files.open("r+b") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        left = [line for line in _noted_lines(root) if not _is_below(root, line, below)]
+        file.truncate(0)
+        file.write("".join(f"{line}\n" for line in left).encode())
+
+
+def _noted_lines(root: Path) -> list[str]:
+    try:
+        text = Layout(root).damaged_files.read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError:
+        return []
+    return text.splitlines()
+
+
+def _is_below(root: Path, line: str, folders: Iterable[Path]) -> bool:
+    return ".." not in line and any(map((root / line).is_relative_to, folders))
+
+
+Note = TypeVar("Note")
+
+
+@overload
+def read_note(path: Path, kind: type[Note], *, fix: str = "") -> Note | None: ...
+@overload
+def read_note(path: Path, kind: Any, *, fix: str = "") -> Any: ...
+def read_note(path: Path, kind: Any, *, fix: str = "") -> Any:
+    """The note, None where there is none.
+
+    Raises DamagedData for a note that can't be read; `fix`: what to do, where that is not what
+    the artifact's own hint says.
+    """
+    try:
+        return msgspec.json.decode(read_regular(path), type=kind)
+    except FileNotFoundError:
+        return None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, NotRegular) as error:
+        raise unreadable(path, error, fix) from None

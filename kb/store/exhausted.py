@@ -121,4 +121,4 @@ def _is_full(path: Path) -> bool:
 def _folder(path: Path) -> Path:
     """The nearest folder there is."""
     path = path.absolute()
-    return next((one for one in (path, *path.parents) if one.is_dir()), Path("/"))
+    return next((folder for folder in (path, *path.parents) if folder.is_dir()), Path("/"))

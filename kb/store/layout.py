@@ -128,7 +128,7 @@ class Layout:
 
     @property
     def damaged_files(self) -> Path:
-        """What commands found damaged (kb.store.damage_note)."""
+        """What commands found damaged (kb.store.damage)."""
         return self.state_folder() / "damaged-files.txt"
 
     def importing(self, source: str) -> Path:

@@ -40,17 +40,18 @@ def sweep(root: Path, name: str) -> None:
     Call it under that lock. A folder whose replacement was interrupted comes back, also one that
     the lock's commands read: nobody replaces it while they hold the lock (kb.store.lock.of_clean).
     """
-    at, artifacts = Layout(root), [one for one in ARTIFACTS.values() if one.lock == name]
+    at = Layout(root)
+    artifacts = [artifact for artifact in ARTIFACTS.values() if artifact.lock == name]
     _spilled(root)
     remove_temporary(at.profile)
     for entry in at.kept_profile.glob(".*.tmp"):
         if atomic.has_ended(entry.name):
             _clear(entry)
-    for read in {one for artifact in artifacts for one in artifact.inputs}:
+    for read in {made_of for artifact in artifacts for made_of in artifact.inputs}:
         if read.startswith("clean/") and name != "report":  # a report does not lock what it reads
             settle_folder(root / read)
-    folders = [one.folder(root) for one in artifacts]
-    folders += [one.manifest(root) for one in artifacts if one.public]
+    folders = [artifact.folder(root) for artifact in artifacts]
+    folders += [artifact.manifest(root) for artifact in artifacts if artifact.public]
     if (released := name.removeprefix("release-")) != name:
         folders.append(at.released(released))
     elif name == "deposits":

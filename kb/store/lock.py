@@ -42,7 +42,9 @@ def of_clean(source: str) -> tuple[str, ...]:
 
     A report reads single files only.
     """
-    readers = [one.lock for one in ARTIFACTS.values() if f"clean/{source}" in one.inputs]
+    readers = [
+        artifact.lock for artifact in ARTIFACTS.values() if f"clean/{source}" in artifact.inputs
+    ]
     return tuple(dict.fromkeys((source, *(lock for lock in readers if lock != "report"))))
 
 

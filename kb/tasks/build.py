@@ -59,7 +59,7 @@ def build(run: Run) -> Summary:
     videos, WriterLocked, DamagedData, DiskFull, Interrupted.
     """
     profile, rules = run.profile, run.profile.tasks
-    check(run)
+    require_videos(run)
     topics = profile.topics
     names = [one.name for one in keywords.load(profile).every] if profile.pairs else []
     with domain_binding.writing(run, "tasks"):
@@ -94,7 +94,7 @@ def build(run: Run) -> Summary:
     return _summary(run.root)
 
 
-def check(run: Run) -> None:
+def require_videos(run: Run) -> None:
     """Raises FatalError without videos."""
     if not manifest.rows(run.root, f"{_VIDEOS}/videos"):
         raise FatalError(
@@ -117,7 +117,7 @@ def listings(root: Path, miner: TitleMiner) -> dict[str, Listing]:
     files = [manifest.rows(root, f"{_VIDEOS}/{name}") for name in ("playlists", "playlist_videos")]
     if not all(files):
         return {}
-    parquet.check(*files[0], *files[1])
+    parquet.verify_files(*files[0], *files[1])
     with database.over([*files[0], *files[1]], root) as con:
         rows = con.execute(
             f"""SELECT video_id, playlist_id, position, title FROM {scan(files[0])} AS lists
@@ -163,7 +163,7 @@ def _mined(
         for path in files:
             with parquet.open_file(path) as file:
                 for batch in file.iter_batches(columns=columns):
-                    signals.stop.check()
+                    signals.stop.raise_if_asked()
                     rows = batch.to_pydict()
                     rows["published_at"] = pc.cast(batch["published_at"], pa.string()).to_pylist()
                     cells = zip(*(rows[name] for name in columns), strict=True)
@@ -209,7 +209,7 @@ def _times(run: Run, titles: list[_Title], max_gap_s: float) -> dict[str, Times]
             with parquet.open_file(path, pre_buffer=False) as file:
                 columns = ["video_id", "kind", "cues"]
                 for batch in file.iter_batches(batch_size=_ROWS, columns=columns):
-                    signals.stop.check()
+                    signals.stop.raise_if_asked()
                     rows = batch.filter(pc.is_in(batch.column("video_id"), value_set=ids))
                     if not rows.num_rows:
                         continue
@@ -267,7 +267,7 @@ def _tables(
 
 
 def _summary(root: Path) -> Summary:
-    made = manifest.read(root, "tasks")
+    made = manifest.read_manifest(root, "tasks")
     figures = made.figures if made is not None else {}
     starts = {name: figures[name] for name in _SOURCES}
     return Summary(
@@ -379,7 +379,7 @@ def verdicts(root: Path) -> dict[str, Verdict]:
     files = manifest.rows(root, "labels/labels")
     if not files:
         return {}
-    parquet.check(*files)
+    parquet.verify_files(*files)
     with database.over(files, root) as con:
         rows = con.execute(
             f"""SELECT video_id, annotator, question::VARCHAR, answer

@@ -78,7 +78,7 @@ class FileVerifier:
         self._findings, self._root = findings, root
         self._segments = {source: raw.SegmentVerifier(findings, root, source) for source in SOURCES}
 
-    def read(self, files: Iterable[Path]) -> None:
+    def verify_files(self, files: Iterable[Path]) -> None:
         """Check each file, then report segments that the state knows and that are missing."""
         for path in files:
             try:
@@ -174,7 +174,7 @@ class FileVerifier:
     @cache  # noqa: B019  a verifier ends with its command
     def _listed(self, name: str) -> frozenset[str]:
         try:
-            known = manifest.read(self._root, name)
+            known = manifest.read_manifest(self._root, name)
         except DamagedData:
             known = None  # reported with the manifest itself
         return frozenset(known.files if known is not None else ())

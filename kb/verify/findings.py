@@ -66,7 +66,7 @@ class Findings:
 
     def drop(self, stale: Collection[VerifyFinding]) -> None:
         """Remove findings that no longer apply."""
-        self.entries = [one for one in self.entries if one not in stale]
+        self.entries = [finding for finding in self.entries if finding not in stale]
 
     def intact(self, kind: str, path: Path) -> None:
         """Count an intact file."""
@@ -92,16 +92,20 @@ class Findings:
         """Add a file that no command has written."""
         self.entries.append(VerifyFinding(kind, "foreign", path, _size(path), what, advice))
 
-    def of(self, *kinds: str, state: str = "") -> list[VerifyFinding]:
+    def of_kinds(self, *kinds: str, state: str = "") -> list[VerifyFinding]:
         """The findings of these kinds."""
-        return [one for one in self.entries if one.kind in kinds and state in ("", one.state)]
+        return [
+            finding
+            for finding in self.entries
+            if finding.kind in kinds and state in ("", finding.state)
+        ]
 
     def total(self, state: str, kinds: Collection[str] = KINDS) -> tuple[int, int]:
         """(files, bytes) of these kinds in a state."""
         if state == "whole":
             sizes = [self._intact[kind] for kind in kinds if kind in self._intact]
         else:
-            sizes = [(1, one.size) for one in self.of(*kinds, state=state)]
+            sizes = [(1, finding.size) for finding in self.of_kinds(*kinds, state=state)]
         return sum(files for files, _ in sizes), sum(size for _, size in sizes)
 
     def _by_kind(self) -> dict[str, dict[str, tuple[int, int]]]:
@@ -126,7 +130,7 @@ class Findings:
                 }
                 for kind, states in self._by_kind().items()
             },
-            "found": [{**one._asdict(), "path": str(one.path)} for one in self.entries],
+            "found": [{**finding._asdict(), "path": str(finding.path)} for finding in self.entries],
         }
 
     def table(self) -> Iterator[tuple[str, ...]]:

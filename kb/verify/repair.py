@@ -12,8 +12,8 @@ import msgspec
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
-from kb.store import damage_note
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST, Artifact, artifact_of
+from kb.store.damage import note_damage
 from kb.store.layout import Layout
 from kb.store.rawlog import sidefiles
 from kb.verify.findings import Findings, VerifyFinding
@@ -23,15 +23,15 @@ def set_aside(root: Path, findings: Findings) -> list[str]:
     """Set damaged files of kept folders aside, and note those of derived ones; a line for each of
     the first. Raises DiskFull.
     """
-    found = [one for one in findings.entries if one.state != "foreign"]
-    lost = [one.path for one in found if one.kind in ("captures", "images")]
+    damaged = [finding for finding in findings.entries if finding.state != "foreign"]
+    lost = [finding.path for finding in damaged if finding.kind in ("captures", "images")]
     lines = []
-    for finding in found:
+    for finding in damaged:
         if finding.kind == "tombstones":
             lines.append(f"{finding.path} is not repaired: {finding.advice}")
         elif finding.kind == "state" and finding.state == "damaged":
             lines += _state(root, finding)
-    for artifact, paths in _by_artifact(found):
+    for artifact, paths in _by_artifact(damaged):
         if artifact.maker is None:
             lines += [f"{path} was set aside: {artifact.hint}" for path in _drop(artifact, paths)]
         else:
@@ -39,20 +39,24 @@ def set_aside(root: Path, findings: Findings) -> list[str]:
             artifact_manifest = artifact.folder(root) / MANIFEST
             if artifact_manifest in paths:  # without it the artifact was never made
                 artifact_manifest.unlink(missing_ok=True)
-    damage_note.add(root, lost)
+    note_damage(root, lost)
     return lines
 
 
 def lost_sources(root: Path, findings: Findings) -> list[str]:
     """The sources whose raw answers or state are damaged."""
-    found = [one for one in findings.of("raw answers", "state") if one.state != "foreign"]
+    damaged = [
+        finding
+        for finding in findings.of_kinds("raw answers", "state")
+        if finding.state != "foreign"
+    ]
     return [
         source
         for source in SOURCES
         if any(
-            one.path.is_relative_to(Layout(root).raw(source))
-            or one.path == Layout(root).state(source)
-            for one in found
+            finding.path.is_relative_to(Layout(root).raw(source))
+            or finding.path == Layout(root).state(source)
+            for finding in damaged
         )
     ]
 
@@ -63,11 +67,15 @@ def damaged_artifacts(root: Path, findings: Findings) -> dict[str, Path | None]:
     """
     damaged = {
         artifact.name: artifact.folder(root)
-        for artifact, _ in _by_artifact(one for one in findings.entries if one.state != "foreign")
+        for artifact, _ in _by_artifact(
+            finding for finding in findings.entries if finding.state != "foreign"
+        )
         if artifact.maker is not None
     }
     foreign = [
-        one.path for one in findings.entries if one.state == "foreign" and one.kind != "leftovers"
+        finding.path
+        for finding in findings.entries
+        if finding.state == "foreign" and finding.kind != "leftovers"
     ]
     return {
         name: next((path for path in foreign if path.is_relative_to(damaged[name])), None)
@@ -76,10 +84,10 @@ def damaged_artifacts(root: Path, findings: Findings) -> dict[str, Path | None]:
     }
 
 
-def _by_artifact(found: Iterable[VerifyFinding]) -> Iterator[tuple[Artifact, list[Path]]]:
+def _by_artifact(findings: Iterable[VerifyFinding]) -> Iterator[tuple[Artifact, list[Path]]]:
     """The artifacts of these findings, each with the paths of its own."""
     paths: dict[str, list[Path]] = {}
-    for finding in found:
+    for finding in findings:
         # A finding may be about the folder as a whole.
         if match := artifact_of(finding.path) or artifact_of(finding.path / MANIFEST):
             paths.setdefault(match[1].name, []).append(finding.path)
@@ -95,14 +103,14 @@ def _drop(artifact: Artifact, paths: Iterable[Path]) -> list[Path]:
     for path in paths:
         sidefiles.quarantine_file(path)
     try:
-        made = manifest.read(root, artifact.name)
+        made = manifest.read_manifest(root, artifact.name)
     except DamagedData:
         artifact.manifest(root).unlink()
         made = None
     if made is not None:
         folder = artifact.folder(root)
         left = {name: entry for name, entry in made.files.items() if folder / name not in paths}
-        manifest.write(artifact.manifest(root), msgspec.structs.replace(made, files=left))
+        manifest.write_manifest(artifact.manifest(root), msgspec.structs.replace(made, files=left))
     return paths
 
 

@@ -129,9 +129,9 @@ def _metadata(
         return
     try:
         digests = {
-            one["contentUrl"].rpartition("/")[2]: one["sha256"]
-            for one in json.loads(read_small(path))["distribution"]
-            if "sha256" in one
+            file["contentUrl"].rpartition("/")[2]: file["sha256"]
+            for file in json.loads(read_small(path))["distribution"]
+            if "sha256" in file
         }
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, DamagedData):
         digests = None
@@ -214,7 +214,7 @@ def _missing_files(findings: Findings, root: Path) -> None:
             continue
         with contextlib.suppress(DamagedData):  # reported with the manifest itself
             lost = manifest.missing(root, name)
-            is_made = manifest.read(root, name) is not None
+            is_made = manifest.read_manifest(root, name) is not None
             if kind == "index" and not is_made and any(artifact.folder(root).glob("*.store")):
                 lost = [artifact.manifest(root)]
             for path in lost:
@@ -227,14 +227,14 @@ def _missing_tombstones(findings: Findings, root: Path) -> None:
         try:
             tombstones.keys(root, source)
         except DamagedData as error:
-            if not any(one.path in (path, *error.paths) for one in findings.entries):
+            if not any(finding.path in (path, *error.paths) for finding in findings.entries):
                 findings.missing("tombstones", path, error.hint, str(error))
 
 
 def _two_answers(findings: Findings, root: Path, source: str) -> None:
     """crawled = kept + rejected + failed + pending: no key is in two of them."""
     clean = Layout(root).clean(source)
-    if any(clean in one.path.parents for one in findings.of("clean")):
+    if any(clean in finding.path.parents for finding in findings.of_kinds("clean")):
         return  # counting makes sense of whole files only
     keys = [
         (
@@ -264,7 +264,7 @@ def _release(findings: Findings, root: Path, source: str) -> None:
     folder = Layout(root).release(source)
     if folder.is_dir() and any(folder.iterdir()):
         check_release(findings, folder, remedy, described=False)
-    elif (made := manifest.read(root, f"release/{source}")) is not None and made.files:
+    elif (made := manifest.read_manifest(root, f"release/{source}")) is not None and made.files:
         findings.missing("release", folder, remedy(folder / "x"))
 
 
@@ -284,7 +284,9 @@ def verify(folder: Path, progress: Progress) -> Findings:
     if is_root(folder):
         files = list(_files(folder))
     else:  # a stranger's links are not followed
-        files = [file for one in catalog.releases for file in release_folder.entries(one.path)]
+        files = [
+            file for release in catalog.releases for file in release_folder.entries(release.path)
+        ]
     size = sum(map(_size, files))
     with progress.task(f"verify {folder.name}", total=size, unit="bytes") as task:
         read = 0
@@ -299,34 +301,34 @@ def verify(folder: Path, progress: Progress) -> Findings:
             _root(findings, folder, files)
             _recheck(findings, folder, busy, progress)
         else:
-            for one in catalog.releases:
-                check_release(findings, one.path, lambda path: DOWNLOAD, described=True)
+            for release in catalog.releases:
+                check_release(findings, release.path, lambda path: DOWNLOAD, described=True)
         task.advance(max(0, size - read))  # locks and lists
     return findings
 
 
 def _root(findings: Findings, root: Path, files: Iterable[Path]) -> None:
     """Each file by where it is, then what is not there, then what the files say together."""
-    FileVerifier(findings, root).read(files)
+    FileVerifier(findings, root).verify_files(files)
     compare(findings, root)
 
 
 def _recheck(findings: Findings, root: Path, busy: Busy, progress: Progress) -> None:
     """Drop findings that another process caused by writing at the same time."""
-    doubtful = [one for one in findings.entries if busy.touches(one.path)]
+    doubtful = [finding for finding in findings.entries if busy.touches(finding.path)]
     if not doubtful:
         return
     second = Findings(findings.advance)
     _root(second, root, [path for path in _files(root) if busy.touches(path)])
-    confirmed = {(one.kind, one.state, one.path) for one in second.entries}
+    confirmed = {(finding.kind, finding.state, finding.path) for finding in second.entries}
     unconfirmed = {
-        one
-        for one in doubtful
-        if (one.kind, one.state, one.path) not in confirmed
-        or (one.kind == "leftovers" and not busy.is_abandoned(one.path))
+        finding
+        for finding in doubtful
+        if (finding.kind, finding.state, finding.path) not in confirmed
+        or (finding.kind == "leftovers" and not busy.is_abandoned(finding.path))
     }
     findings.drop(unconfirmed)
-    for pid in sorted({pid for one in unconfirmed for pid in busy.holders(one.path)}):
+    for pid in sorted({pid for finding in unconfirmed for pid in busy.holders(finding.path)}):
         progress.say(f"another process (pid {pid}) is writing: its unfinished files are not listed")
 
 

@@ -44,9 +44,11 @@ def passages(_: Profile, root: Path) -> Iterator[Passage]:
     images = RowsByKey(rows(root, "wiki/images", ["page_id", "element_id", "alt_text"]), "page_id")
     for page in rows(root, "wiki/pages", _PAGE):
         key = page["page_id"]
-        tables = grid(cells.of(key))
-        alts = {image["element_id"]: plain(image["alt_text"]).strip() for image in images.of(key)}
-        for section in sections(elements.of(key), tables, alts):
+        tables = grid(cells.rows_of(key))
+        alts = {
+            image["element_id"]: plain(image["alt_text"]).strip() for image in images.rows_of(key)
+        }
+        for section in sections(elements.rows_of(key), tables, alts):
             yield from _of(page, section)
 
 

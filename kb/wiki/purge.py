@@ -68,7 +68,7 @@ def names(purge: Purge) -> Names:
     titles |= {title[:1].lower() + title[1:] for title in titles}  # as a list may spell them
     shown: dict[bool, dict[str, str | None]] = {True: {}, False: {}}
     paths: dict[bool, set[str]] = {True: set(), False: set()}
-    for envelope in rawlog.read(root, "wiki", "renders"):
+    for envelope in rawlog.envelopes(root, "wiki", "renders"):
         answer = envelope.response
         if answer["outcome"] != "captured":
             continue
@@ -80,7 +80,7 @@ def names(purge: Purge) -> Names:
             paths[removed] |= {str(BELOW.images / f"{name}.png") for name in sprites.values()}
     addresses = shown[True].keys() - shown[False].keys()
     files = {name for name in shown[True].values() if name} - set(shown[False].values())
-    for envelope in rawlog.read(root, "wiki", "files"):
+    for envelope in rawlog.envelopes(root, "wiki", "files"):
         answer = envelope.response
         if answer.get("path"):
             paths[answer["key"] in addresses].add(answer["path"])

@@ -288,7 +288,7 @@ class WikiSection(SourceSection):
             "slot_row": markup.slot_row or NOTHING,
             "slot_output": markup.slot_output or NOTHING,
             "quantity": markup.quantity or NOTHING,
-            "regions": [(name, one or recipes) for name, one in markup.regions.items()],
+            "regions": [(name, selectors or recipes) for name, selectors in markup.regions.items()],
             "infobox": markup.regions.get("infobox", ".infobox"),
             "max_elements": self.max_elements,
             "settle_seconds": self.settle_seconds,

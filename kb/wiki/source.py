@@ -49,7 +49,7 @@ class Wiki(Source):
         return plan_crawl(run)
 
     def requirements(self, run: Run) -> Iterator[tuple[str, str, str, str]]:
-        from kb.wiki.requirements import requirements
+        from kb.wiki.browser.chromium import requirements
 
         return requirements()
 

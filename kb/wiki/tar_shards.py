@@ -83,7 +83,7 @@ def export(run: Run) -> Summary:
         "wiki/images": _moved("path", places),
     }
 
-    def write(folder: Path) -> None:
+    def write_tars(folder: Path) -> None:
         with (folder / "index.ndjson").open("w", encoding="utf-8") as index:
             for kind, shards in plan.items():
                 for number, samples in enumerate(shards):
@@ -93,7 +93,7 @@ def export(run: Run) -> Summary:
         if lost:
             raise sidefiles.lost(run.root, CAPTURED, lost)
 
-    summary = layouts.write_parquet(run, CAPTURED, changes=changes, add_files=write)
+    summary = layouts.write_parquet(run, CAPTURED, changes=changes, add_files=write_tars)
     path = summary.pop("path")
     tars = sum(map(len, plan.values()))
     return Summary({**summary, "tars": tars, "files": len(places), "path": path})
@@ -164,13 +164,13 @@ def _name(kind: str, number: int, count: int) -> str:
 def _moved(column: str, places: dict[str, str]) -> layouts.RowTransform:
     """The released path of each file instead of the one in the data root."""
 
-    def make(rows: pa.Table) -> pa.Table:
+    def moved_rows(rows: pa.Table) -> pa.Table:
         moved = [None if path is None else places[path] for path in rows[column].to_pylist()]
         return rows.set_column(
             rows.column_names.index(column), column, pa.array(moved, pa.string())
         )
 
-    return layouts.RowTransform(make, (column,))
+    return layouts.RowTransform(moved_rows, (column,))
 
 
 def _write_tar(path: Path, samples: list[Sample], lost: set[Path]) -> Iterator[dict[str, Any]]:

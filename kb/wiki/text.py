@@ -27,7 +27,7 @@ def documents(files: TextFiles) -> Iterator[TextDocument]:
     """The kept pages of one bucket, by id. Raises DamagedData."""
     texts = RowsByKey(_rows(files["wiki/page_text"], "page_text", ("page_id", "text")), "page_id")
     for page in _rows(files["wiki/pages"], "pages", _PAGE):
-        (own,) = texts.of(page["page_id"])
+        (own,) = texts.rows_of(page["page_id"])
         yield TextDocument(
             str(page["page_id"]),
             page["title"],

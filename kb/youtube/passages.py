@@ -67,7 +67,7 @@ def passages(_: Profile, root: Path) -> Iterator[Passage]:
         described = plain(video["description"]).splitlines()
         for text in list(pieces(described)) or [""]:
             yield Passage("video", text=text, url=f"{_WATCH}{key}", **about)
-        for transcript in heard.of(key):
+        for transcript in heard.rows_of(key):
             speech: Talk = transcript["talk"]
             for begin, after in speech.windows():
                 text, times = "\n".join(speech.texts[begin:after]), speech.starts[begin:after]

@@ -58,7 +58,10 @@ class VideoRestore(ItemRestore):
             return PlanPart()
         videos, transcripts = phases_of_known(self.run, len(left))
         key = self.run.settings.named("youtube_api_key")
-        phases = [videos.of(f"YouTube's Data API, {key}"), transcripts.of("youtube.com, no key")]
+        phases = [
+            videos.asking(f"YouTube's Data API, {key}"),
+            transcripts.asking("youtube.com, no key"),
+        ]
         return PlanPart(phases, [f"{REQUESTS_A_TRANSCRIPT} requests a transcript"])
 
     def crawl(self, left: list[str], place: Path) -> Summary:

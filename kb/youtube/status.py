@@ -49,13 +49,13 @@ def missing_transcripts(root: Path) -> list[str]:
 
     Raises FatalError before the first filter, DamagedData.
     """
-    if manifest.read(root, _FOLDER) is None:
+    if manifest.read_manifest(root, _FOLDER) is None:
         raise FatalError(f"{root} has no filtered videos", hint="run `kb youtube filter` first")
     manifest.check_complete(root, _FOLDER)
     ids: set[str] = set()
     for name, (key, condition) in _WITHOUT.items():
         if files := parquet_files(Layout(root).clean("youtube", name)):
-            parquet.check(*files)
+            parquet.verify_files(*files)
             asked = f"SELECT {key} FROM {scan(files)} WHERE {condition}"
             with reading(files), database.over(files, root) as con:
                 ids.update(one for (one,) in con.execute(asked).fetchall())
@@ -68,7 +68,7 @@ def _views(root: Path, ids: set[str]) -> dict[str, int]:
     newest: dict[str, tuple[str, int]] = {}
     for kind in (RAW_VIDEOS, RAW_STATISTICS, RAW_INFO):
         at = ("view_count",) if kind == RAW_INFO else ("statistics", "viewCount")
-        for envelope in rawlog.read(root, "youtube", kind):
+        for envelope in rawlog.envelopes(root, "youtube", kind):
             answer: Any = envelope.response
             for one in [answer] if kind == RAW_INFO else inner(answer, "items") or ():
                 key, count = inner(one, "id"), str(inner(one, *at))

@@ -142,7 +142,7 @@ def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, r
             continue
         if len(text) < 500:
             assert close(row, reference[text]), text
-    by_worker = toxicity.scores(toxicity.check(run, "youtube"), run.root, "youtube", texts)
+    by_worker = toxicity.scores(toxicity.model_key(run, "youtube"), run.root, "youtube", texts)
     assert by_worker.column_names == list(CATEGORIES)
     assert by_worker["insult"].to_pylist() == scores["insult"].to_pylist()
 
@@ -266,7 +266,7 @@ def test_off_in_the_profile_scores_nothing(make_run):
     assert not scorer.on
     assert scorer.annotate([TEXTS]).texts == 0
     assert scorer.lookup(text_hashes(pa.array(TEXTS)))["toxicity"].null_count == len(TEXTS)
-    assert toxicity.check(off, "youtube") == ""
+    assert toxicity.model_key(off, "youtube") == ""
     assert not run.root.exists()
 
 

@@ -149,7 +149,7 @@ def test_a_link_that_an_earlier_version_replaced_is_no_obstacle(root: Path, tmp_
 
 
 def test_the_manifest_names_inputs_and_files_with_digest_and_rows(root: Path) -> None:
-    found = manifest.read(root, "clean/youtube")
+    found = manifest.read_manifest(root, "clean/youtube")
     assert found is not None
     assert (found.artifact, found.command) == ("clean/youtube", "kb youtube filter")
     assert found.inputs == manifest.inputs(root, "clean/youtube")
@@ -166,20 +166,20 @@ def test_the_manifest_names_inputs_and_files_with_digest_and_rows(root: Path) ->
 
 
 def test_editing_notes_what_changed_and_promises_nothing_when_it_is_cut_off(root: Path) -> None:
-    before = manifest.read(root, "clean/youtube")
+    before = manifest.read_manifest(root, "clean/youtube")
     assert before is not None
     path = one(root / "clean/youtube/videos")
     with pytest.raises(KeyboardInterrupt), manifest.editing(root, "clean/youtube"):
         path.write_bytes(path.read_bytes() + b"x")
         raise KeyboardInterrupt
-    cut = manifest.read(root, "clean/youtube")
+    cut = manifest.read_manifest(root, "clean/youtube")
     assert cut is not None
     assert set(cut.files) == set(before.files)
     assert not any(entry.sha256 for entry in cut.files.values())
     path.write_bytes(path.read_bytes()[:-1])
     with manifest.editing(root, "clean/youtube"):
         pass
-    assert manifest.read(root, "clean/youtube") == before
+    assert manifest.read_manifest(root, "clean/youtube") == before
 
 
 def test_a_copied_root_is_current_and_a_changed_one_is_not(root: Path, tmp_path: Path) -> None:

@@ -106,7 +106,9 @@ def test_parts_that_know_all_channels_spend_what_one_machine_does(tmp_path: Path
 
 def described(root: Path) -> set[str]:
     """Videos whose metadata was asked for."""
-    asked = (one.request.params["id"].split(",") for one in rawlog.read(root, "youtube", "videos"))
+    asked = (
+        one.request.params["id"].split(",") for one in rawlog.envelopes(root, "youtube", "videos")
+    )
     return {key for keys in asked for key in keys}
 
 
@@ -125,9 +127,11 @@ def test_a_merge_that_was_cut_short_goes_on(parts: list[Job], tmp_path: Path) ->
 
 def test_what_one_machine_has_purged_stays_away(parts: list[Job], tmp_path: Path) -> None:
     purged = shutil.copytree(parts[0].root, tmp_path / "purged")
-    tombstones.add(purged, "youtube", [("gone0000001", "named"), ("person_channel", "named")])
+    tombstones.add_tombstones(
+        purged, "youtube", [("gone0000001", "named"), ("person_channel", "named")]
+    )
     merged = Job(parts[0].sandbox, tmp_path / "home")
-    tombstones.add(merged.root, "youtube", [("gone0000002", "named")])
+    tombstones.add_tombstones(merged.root, "youtube", [("gone0000002", "named")])
     merged.done("merge", str(purged), str(parts[1].root))
     assert tombstones.keys(merged.root, "youtube") >= {"gone0000001", "gone0000002"}
     assert tombstones.people(merged.root, "youtube") == {"channel"}

@@ -38,7 +38,7 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Job]]:
         jobs[0].done("reddit", "filter")
         for number, job in enumerate(jobs, 1):
             add_everything(job, number)
-        tombstones.add(jobs[0].root, "youtube", [("nobody00001", "named")])
+        tombstones.add_tombstones(jobs[0].root, "youtube", [("nobody00001", "named")])
         yield jobs
 
 
@@ -65,7 +65,7 @@ def test_every_command_works_on_roots_with_every_kind_of_file(
     assert len(raw_files(home.root, "wiki", of=(RawKind.CAPTURED,))) == 10
     again = home.done("merge", *roots)
     assert [again[name] for name in ("requests", "scores", "labels")] == [0, 0, 0]
-    assert manifest.read(home.root, "annotations/youtube") is not None
+    assert manifest.read_manifest(home.root, "annotations/youtube") is not None
 
     home.done("verify")
     for source in ("youtube", "wiki", "reddit"):

@@ -85,7 +85,7 @@ def fill_wiki(run: Run) -> None:
 
 
 def held_in(root: Path, source: str, kind: str, place: Callable[[dict], set[str]]) -> set[str]:
-    answers = (one.response for one in rawlog.read(root, source, kind))
+    answers = (one.response for one in rawlog.envelopes(root, source, kind))
     return {key for answer in answers for key in place(answer)}
 
 

@@ -182,7 +182,7 @@ def test_an_export_is_made_again_with_its_options(kb: Kb, profile: Path, root: P
     put(root, "videos", (MONDAY, {}, listing(video("more0000001"))))
     put(root, "transcripts", transcript("more0000001"))
     assert kb("build", "text", *named).code == 0
-    made = manifest.read(root, "export/text/youtube.jsonl")
+    made = manifest.read_manifest(root, "export/text/youtube.jsonl")
     assert made is not None
     assert made.figures == {"keep_contacts": True}
     assert len((root / "export/text/youtube.jsonl").read_text().splitlines()) == 2

@@ -25,7 +25,7 @@ def release(folder: Path, make_rows: Any, name: str) -> Path:
 def test_texts_are_read_where_they_are_fullest(tmp_path: Path, make_rows: Any) -> None:
     release(tmp_path / "release" / "youtube", make_rows, "youtube/videos")
     release(tmp_path / "release" / "reddit", make_rows, "reddit/posts")
-    held = table_catalog.read(tmp_path)
+    held = table_catalog.read_catalog(tmp_path)
     assert held.is_download
     assert held.workplace != tmp_path
     assert held.schema_of("youtube") == "release"
@@ -38,12 +38,12 @@ def test_texts_are_read_where_they_are_fullest(tmp_path: Path, make_rows: Any) -
         make_rows("reddit/missing", 1),
         "reddit/missing",
     )
-    held = table_catalog.read(tmp_path)
+    held = table_catalog.read_catalog(tmp_path)
     assert (held.is_download, held.workplace) == (False, tmp_path)
     assert held.schema_of("reddit") == "restored"
     assert held.texts("reddit/posts")[0].parent.parent.parent.name == "restored"
     write_table(tmp_path / "clean/reddit/posts/part-00000.parquet", rows, "reddit/posts")
-    assert table_catalog.read(tmp_path).schema_of("reddit") == "clean"
+    assert table_catalog.read_catalog(tmp_path).schema_of("reddit") == "clean"
 
 
 def test_links_have_the_same_names_everywhere(tmp_path: Path, make_rows: Any) -> None:
@@ -51,7 +51,7 @@ def test_links_have_the_same_names_everywhere(tmp_path: Path, make_rows: Any) ->
         release(folder, make_rows, "links/entities")
         release(folder, make_rows, "links/links")
     for place in (tmp_path / "links", tmp_path / "whole"):
-        names = {view.full for view in table_catalog.read(place).views}
+        names = {view.full for view in table_catalog.read_catalog(place).views}
         assert {"links.entities", "links.links", "release.entities", "release.links"} <= names
 
 
@@ -63,13 +63,13 @@ def test_a_folder_that_is_not_there_is_told_with_the_nearest(
     (root / "state").mkdir()
     for given in ("data/demo", "data", "data/demo/dmeo"):
         with pytest.raises(SettingError) as caught:
-            table_catalog.read(tmp_path / given)
+            table_catalog.read_catalog(tmp_path / given)
         assert caught.value.exit_code == 2
         assert "did you mean --data" in caught.value.hint
         assert "data/demo/demo" in caught.value.hint
     (tmp_path / "empty").mkdir()
     with pytest.raises(FatalError) as told:
-        table_catalog.read(tmp_path / "empty")
+        table_catalog.read_catalog(tmp_path / "empty")
     assert (told.value.exit_code, "kb demo" in told.value.hint) == (1, True)
 
 
@@ -77,7 +77,7 @@ def test_two_releases_of_one_source_are_told_apart(tmp_path: Path, make_rows: An
     for name in ("first", "second"):
         release(tmp_path / name, make_rows, "youtube/videos")
     with pytest.raises(UsageError, match=r"release\.youtube_videos is in .*first and in .*second"):
-        table_catalog.read(tmp_path)
+        table_catalog.read_catalog(tmp_path)
 
 
 def test_a_table_without_any_of_its_files_is_damage(tmp_path: Path) -> None:

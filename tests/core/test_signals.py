@@ -20,7 +20,7 @@ def test_a_signal_asks_the_run_to_stop_and_the_block_forgets_it(number: int) -> 
         os.kill(os.getpid(), number)
         assert stop.wait(10)
         with pytest.raises(Interrupted, match=signal.Signals(number).name):
-            stop.check()
+            stop.raise_if_asked()
     assert signal.getsignal(number) is before
     assert not signals.stop.requested()
 

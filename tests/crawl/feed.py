@@ -34,7 +34,7 @@ class FeedConnector(Connector):
 
     def discover(self, frontier: Frontier) -> None:
         """The first page."""
-        frontier.add("pages", ["1"])
+        frontier.add_keys("pages", ["1"])
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
         """One page, or one note."""
@@ -47,12 +47,12 @@ class FeedConnector(Connector):
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """A page adds its notes and the next page."""
         if kind == "notes":
-            frontier.add("notes", [envelope.request.params["id"]])
+            frontier.add_keys("notes", [envelope.request.params["id"]])
             frontier.done("notes", envelope.request.params["id"])
             return
         page, following = envelope.request.params["page"], envelope.response["next"]
-        frontier.add("notes", [note["id"] for note in envelope.response["notes"]])
-        frontier.add("pages", [page, *([str(following)] if following else [])])
+        frontier.add_keys("notes", [note["id"] for note in envelope.response["notes"]])
+        frontier.add_keys("pages", [page, *([str(following)] if following else [])])
         frontier.done("pages", page)
 
     def _ask(self, path: str, params: dict[str, str]) -> Any:

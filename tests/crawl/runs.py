@@ -30,7 +30,7 @@ def crawl(run: Run, service: Service) -> Summary:
 
 def texts(root: Path) -> list[str]:
     """The notes in the raw log, in the order in which they came."""
-    return [each.response["text"] for each in rawlog.read(root, "feed", "notes")]
+    return [each.response["text"] for each in rawlog.envelopes(root, "feed", "notes")]
 
 
 def wait_until(what: Callable[[], bool], seconds: float = 1.0) -> None:

@@ -11,12 +11,12 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.artifacts.graph_view import declared
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.filters.thresholds import thresholds
+from kb.report.graph import declared
 from kb.store.layout import Layout
 from kb.store.tables.shard_writer import write_table
 

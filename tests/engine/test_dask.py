@@ -98,7 +98,7 @@ def test_a_wrong_address_is_exit_2_and_a_silent_one_exit_4(monkeypatch):
 def test_without_the_extra_it_is_exit_2(monkeypatch):
     monkeypatch.setattr(dask_engine.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(MissingExtra) as error:
-        dask_engine.check("tcp://127.0.0.1:1")
+        dask_engine.check_scheduler("tcp://127.0.0.1:1")
     assert "[dask]" in error.value.hint
 
 
@@ -321,7 +321,7 @@ def test_a_late_worker_with_other_code_gets_no_work(own, tmp_path, caplog):
         told = threading.Event()
         while not any("gets no work: it has Lorecrawl" in one.message for one in caplog.records):
             pool.submit(os.getpid).result()
-            pool._cluster.check()
+            pool._cluster.require_workers()
             assert not told.wait(0.1)
         pids = set(map_in_order(pool, tasks.pid_of, ((n,) for n in range(12)), window=6))
         assert pids == {first}
@@ -370,7 +370,7 @@ def test_a_worker_without_lorecrawl_is_named_at_once(own, tmp_path):
 
 def test_tls_without_certificates_is_exit_2():
     with pytest.raises(SettingError, match="no certificates are set"):
-        dask_engine.check("tls://10.0.0.1:8786")
+        dask_engine.check_scheduler("tls://10.0.0.1:8786")
 
 
 def test_the_disk_of_one_worker_that_is_full_is_named(own, tmp_path):

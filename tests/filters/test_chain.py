@@ -20,7 +20,7 @@ shipped = Recipe("youtube")
 class Scorer:
     """Scores a text by its length; writes down what it was asked."""
 
-    def check(self, run, source):
+    def model_key(self, run, source):
         return "lengths"
 
     def annotate(self, run, source, texts):

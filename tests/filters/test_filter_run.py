@@ -181,7 +181,7 @@ def test_few_bytes_start_no_worker_process_that_nobody_asked_for(
 
 def test_videos_that_the_crawl_gave_up_on_are_failed(root: Path) -> None:
     frontier = Frontier(root / "state" / "youtube.sqlite")
-    frontier.add("videos", ["kept", "lost", "gone", "waiting"])
+    frontier.add_keys("videos", ["kept", "lost", "gone", "waiting"])
     for key in ("kept", "lost", "gone"):
         frontier.error("videos", key, "status_500")
     frontier.close()

@@ -49,7 +49,7 @@ def test_the_newest_answer_wins(root: Path) -> None:
 
 def test_tombstones_are_left_out(root: Path) -> None:
     assert run_clean(run_at(root), "youtube")["crawled"] == 22
-    tombstones.add(root, "youtube", [("kept", "named"), ("few", "named")])
+    tombstones.add_tombstones(root, "youtube", [("kept", "named"), ("few", "named")])
     summary = run_clean(run_at(root), "youtube")
     assert summary["crawled"] == 20
     assert "kept" not in rows(root, "videos")

@@ -20,7 +20,7 @@ LEFT = {
     "kb/core/config/profile/release.py": "help of settings, with an example",
     "kb/core/config/settings.py": "the settings that Lorecrawl itself has",
     "kb/core/summary/vocabulary.py": "what the numbers of the shipped commands count",
-    "kb/core/video_names.py": "names of files as yt-dlp writes them",
+    "kb/schema/video_facts.py": "names of files as yt-dlp writes them",
     "kb/store/artifact_registry.py": "what `kb reddit reconstruct` writes",
     "kb/links/build.py": "an entity's own page, a column of links/entities",
     "kb/artifacts/table_catalog.py": "where `kb reddit reconstruct` writes",

@@ -40,7 +40,7 @@ def _labels(root: Path) -> list[dict[str, Any]]:
 
 
 def _card(root: Path) -> str:
-    folder = release_folder.read(root / "release" / "pairs", "pairs")
+    folder = release_folder.read_release_folder(root / "release" / "pairs", "pairs")
     with duckdb.connect() as con:
         return " ".join(pair_quality(con, root, folder))
 
@@ -134,7 +134,7 @@ def test_purged_and_unknown_items_are_passed_over(root: Path, here: Here) -> Non
     one, two, *_ = [other for other in others if other["video_id"] != gone["video_id"]]
     tasks = [(data, [judgement(1, visible="yes")]) for data in (one, gone, two | {"item_id": "0"})]
     file = exported(root.parent / "e.json", tasks)
-    tombstones.add(root, "youtube", [(gone["video_id"], "named")])
+    tombstones.add_tombstones(root, "youtube", [(gone["video_id"], "named")])
     done = here("label", "import", str(file), "--data", str(root), "--json")
     summary = json.loads(done.out.splitlines()[-1])
     assert (summary["purged_items"], summary["unknown_items"]) == (1, 1)

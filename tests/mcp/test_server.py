@@ -14,7 +14,7 @@ import pytest
 
 from kb.core.errors import UsageError
 from kb.mcp.search_tool import run_search
-from kb.mcp.server import make, run_about, run_query
+from kb.mcp.server import make_server, run_about, run_query
 from kb.mcp.untrusted_text import DEFAULT
 from kb.registry import SOURCES as CLASSES
 from kb.search.ranking import Only
@@ -73,7 +73,7 @@ def test_a_release_answers_what_it_can(
             released=True,
         )
     for root in (tmp_path / "lorecrawl-youtube", tmp_path / "data"):
-        make(run_at(root), CLASSES)
+        make_server(run_at(root), CLASSES)
         assert "youtube: 4 videos" in run_about(run_at(root), DEFAULT)
         answer = run_query(root, "SELECT 'n', count(*) FROM youtube_videos", 10, 10, DEFAULT)
         assert "\nn,4\n" in answer

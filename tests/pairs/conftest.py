@@ -10,7 +10,7 @@ from kb.core.config.profile.products import Pairs
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.pairs.extract import Tools, make_tools, pairs_of
-from kb.pairs.keywords import NEVER, Keyword, Keywords, make
+from kb.pairs.keywords import NEVER, Keyword, Keywords, make_keywords
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
 from tests.pairs.made import PHRASES, fill, tables
@@ -35,7 +35,7 @@ LIST = [
 
 @pytest.fixture(scope="session")
 def keywords() -> Keywords:
-    return make(LIST, ["chest day"])
+    return make_keywords(LIST, ["chest day"])
 
 
 @pytest.fixture(scope="session")

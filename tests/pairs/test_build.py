@@ -40,7 +40,7 @@ def test_the_whole_job(run: Run) -> None:
     released = pq.read_table(shards(run.root / "release" / "pairs"))
     assert "text" not in released.column_names
     assert released.equals(rows.drop_columns("text").cast(released.schema), check_metadata=False)
-    made = manifest.read(run.root, "pairs")
+    made = manifest.read_manifest(run.root, "pairs")
     assert made is not None
     counts = made.figures["keywords"]
     assert sum(hits["matches"] for hits in counts.values()) == summary["matches"]

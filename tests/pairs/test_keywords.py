@@ -11,9 +11,9 @@ from kb.core.config.profile import load_profile
 from kb.core.context import Run
 from kb.core.errors import ProfileError
 from kb.pairs.keyword_hits import keyword_lines
-from kb.pairs.keyword_list import NEVER, forms, plural, read, scan, singular
+from kb.pairs.keyword_list import NEVER, forms, plural, read_keywords, scan, singular
 from kb.pairs.keyword_proposal import propose
-from kb.pairs.keywords import Keyword, load, make
+from kb.pairs.keywords import Keyword, load, make_keywords
 from kb.pairs.matching import phrase
 from kb.schema.wiki_page import PageNames
 
@@ -50,7 +50,7 @@ def test_folded_names(name: str, folded: str) -> None:
 
 
 def test_own_name_wins_over_a_derived_form() -> None:
-    words = make([Keyword("Brick", "item"), Keyword("Bricks", "block")])
+    words = make_keywords([Keyword("Brick", "item"), Keyword("Bricks", "block")])
     owner = {form: words.every[at].name for form, at in zip(words.phrases, words.of, strict=True)}
     assert owner["bricks"] == "Bricks"
     assert owner["brick"] == "Brick"
@@ -82,7 +82,7 @@ def test_a_list_of_ones_own(tmp_path: Path) -> None:
         "# mine\nkeyword\tkind\trule\tforms\nRook\tpiece\nPawn\tpiece\tnear:7\tfoot"
         " soldier, peon\n\nMove\tterm\tnever\nRow\tplace\talways\nKing\tpiece\tnear\n",
     )
-    assert read(path, 9) == [
+    assert read_keywords(path, 9) == [
         Keyword("Rook", "piece"),
         Keyword("Pawn", "piece", 7, ("foot soldier", "peon")),
         Keyword("Move", "term", NEVER),
@@ -101,14 +101,14 @@ def test_a_list_of_ones_own(tmp_path: Path) -> None:
 )
 def test_a_wrong_list_says_where(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ProfileError, match=re.escape(message)):
-        read(_list(tmp_path, text), 20)
+        read_keywords(_list(tmp_path, text), 20)
 
 
 def test_nothing_to_match_is_an_error() -> None:
     with pytest.raises(ProfileError, match="no keyword"):
-        make([Keyword("Rook", "piece")], ["rook"])
+        make_keywords([Keyword("Rook", "piece")], ["rook"])
     with pytest.raises(ProfileError, match="has no word"):
-        make([Keyword("!!", "piece")])
+        make_keywords([Keyword("!!", "piece")])
 
 
 @given(st.text(st.characters(max_codepoint=127)))
@@ -163,7 +163,7 @@ def test_rules_and_forms_of_a_row(tmp_path: Path) -> None:
         f"# a comment\n{HEADER}Wolf\tmob\t\thound, dog\nBed\tblock\tnear\nAir\tblock\tnever\n"
         "Ice\tblock\tnear:30\n"
     )
-    wolf, *others = read(path, 50)
+    wolf, *others = read_keywords(path, 50)
     assert (wolf.name, wolf.kind, wolf.reach, wolf.more) == ("Wolf", "mob", None, ("hound", "dog"))
     assert [one.reach for one in others] == [50, NEVER, 30]
 
@@ -176,7 +176,7 @@ def test_a_wrong_line_is_named_and_the_others_are_read(tmp_path: Path, line: str
     assert [number for number, _ in rows] == [3]
     assert [number for number, *_ in problems] == [2]
     with pytest.raises(ProfileError):
-        read(path, 50)
+        read_keywords(path, 50)
 
 
 def test_titles_redirects_and_categories_become_rows() -> None:

@@ -56,7 +56,7 @@ def root(tmp_path: Path, make_rows) -> Path:
     write_table(
         root / "pairs/pairs-00000-of-00001.parquet", make_rows("pairs/pairs", 1), "pairs/pairs"
     )
-    tombstones.add(root, "youtube", [("gone", "named")])
+    tombstones.add_tombstones(root, "youtube", [("gone", "named")])
     return root
 
 

@@ -53,7 +53,7 @@ def new(old: Path, demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
         pq.write_table(pa.Table.from_pylist([row], schema), folder / "part-00000.parquet")
     from kb.store.state import tombstones
 
-    tombstones.add(root, "youtube", [(went[2], "named")])
+    tombstones.add_tombstones(root, "youtube", [(went[2], "named")])
     for manifest in root.rglob("_manifest.json"):
         manifest.unlink()
     return root

@@ -38,7 +38,7 @@ def test_pages_that_are_broken_name_their_file_also_while_rows_stream(root: Path
 def test_a_changed_bit_never_changes_an_answer(root: Path, sql: str) -> None:
     path = next(root.glob("clean/youtube/videos/*.parquet"))
     whole = manifest.describe("clean/youtube", root / "clean/youtube", manifest.Build(root, {}, {}))
-    manifest.write(root / "clean/youtube/_manifest.json", whole)
+    manifest.write_manifest(root / "clean/youtube/_manifest.json", whole)
     with query.connect(root) as con:
         query.select(con, sql, root=root).read_all()
     data = bytearray(path.read_bytes())

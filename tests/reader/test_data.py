@@ -179,15 +179,15 @@ def test_texts_come_from_clean_or_from_what_was_restored(
     # What a later release removed stays out of an older copy of its texts.
     first = clean.replies[0]
     shutil.copytree(release / "reddit", tmp_path / "release" / "reddit")
-    tombstones.add(tmp_path, "reddit", [(f"t1_{first.comment_id}", "deleted")])
-    lines = tombstone_lines(tombstones.read(tmp_path, "reddit"))
+    tombstones.add_tombstones(tmp_path, "reddit", [(f"t1_{first.comment_id}", "deleted")])
+    lines = tombstone_lines(tombstones.tombstone_rows(tmp_path, "reddit"))
     (tmp_path / "release" / "reddit" / "tombstones.ndjson").write_text(lines)
     (tmp_path / "release" / "reddit" / "SHA256SUMS").unlink()
     later = kb.load(tmp_path / "release", root / "export" / "reconstructed").thread(post)
     assert first.comment_id not in str(later)
     assert first.body not in later._repr_html_()
     assert {one.comment_id for one in first.replies} <= {one.comment_id for one in later.orphans}
-    tombstones.add(tmp_path, "reddit", [(f"t3_{post}", "deleted")])
+    tombstones.add_tombstones(tmp_path, "reddit", [(f"t3_{post}", "deleted")])
     with pytest.raises(UsageError, match="was removed: deleted"):
         kb.load(tmp_path).thread(post)
 

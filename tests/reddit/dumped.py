@@ -73,7 +73,7 @@ def imported(root):
     """Every thing in the raw log, as (kind, data)."""
     return [
         (thing["kind"], thing["data"])
-        for envelope in rawlog.read(root, "reddit", "dumps")
+        for envelope in rawlog.envelopes(root, "reddit", "dumps")
         for thing in envelope.response["data"]["children"]
     ]
 
@@ -153,7 +153,7 @@ def took(root: Path, files: list[Path], **options: Any) -> dict[str, Any]:
 def imported_rows(root):
     """The rows of an import, with `fetched_at` as text."""
     links = load_profile("minecraft").reddit.links
-    lines = map(rawlog.encode, rawlog.read(root, "reddit", "dumps"))
+    lines = map(rawlog.encode, rawlog.envelopes(root, "reddit", "dumps"))
     found = [row for part in parse.rows(lines, "dumps", links) for row in part.to_pylist()]
     for row in found:
         row["fetched_at"] = row["fetched_at"] and f"{row['fetched_at']:%Y-%m-%dT%H:%M:%SZ}"

@@ -348,7 +348,7 @@ def test_a_list_of_names(tmp_path: Path, encoding: str, end: str) -> None:
         "[deleted]",
     ]
     file.write_bytes(end.join(lines).encode(encoding))
-    assert purge.PEOPLE.read(file) == ((NAME, "Other_One"), (4, 6))
+    assert purge.PEOPLE.read_people(file) == ((NAME, "Other_One"), (4, 6))
 
 
 @pytest.mark.parametrize("text", ["", "# nobody\n", "[deleted]\nsecret words\n", None])
@@ -359,7 +359,7 @@ def test_a_list_without_a_name_is_refused_and_not_repeated(
     if text is not None:
         file.write_text(text)
     with pytest.raises(SettingError) as error:
-        purge.PEOPLE.read(file)
+        purge.PEOPLE.read_people(file)
     assert error.value.exit_code == 2
     assert "secret" not in f"{error.value} {error.value.hint}"
 

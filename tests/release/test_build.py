@@ -49,7 +49,7 @@ def test_every_known_licence_has_its_text() -> None:
 
 def test_tombstones_follow_and_reach_the_pairs(tmp_path: Path) -> None:
     build(tmp_path, sources=SOURCES)
-    tombstones.add(tmp_path, "youtube", [("vid-gone", "deleted")])
+    tombstones.add_tombstones(tmp_path, "youtube", [("vid-gone", "deleted")])
     release(a_run(tmp_path))
     for source in ("youtube", "pairs"):
         lines = (tmp_path / "release" / source / "tombstones.ndjson").read_text().splitlines()

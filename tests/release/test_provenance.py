@@ -37,7 +37,7 @@ def test_every_folder_holds_what_made_it(released: Path) -> None:
         assert rows[0] == HEADER.rstrip()
         assert {line.count("\t") for line in rows} == {3}  # no comments, every column
         mine, shipped = folder / "keywords.tsv", signed().with_name("keywords.tsv")
-        assert keywords.read(mine, 20) == keywords.read(shipped, 20)
+        assert keywords.read_keywords(mine, 20) == keywords.read_keywords(shipped, 20)
         sums = (folder / "SHA256SUMS").read_text()
         assert all(name in sums for name in ("profile.toml", "keywords.tsv", "provenance.json"))
         said = json.loads((folder / "provenance.json").read_text())
@@ -119,7 +119,7 @@ def test_rows_that_changed_and_why_others_went(tmp_path: Path) -> None:
 
     def later(name: str, rows: list[dict[str, Any]]) -> None:
         if name == "youtube/videos":
-            tombstones.add(root, "youtube", [(rows.pop(0)["video_id"], "named")])
+            tombstones.add_tombstones(root, "youtube", [(rows.pop(0)["video_id"], "named")])
             rows[0]["view_count"] += 1
             rows[1]["fetched_at"] += timedelta(hours=1)
 

@@ -330,7 +330,7 @@ def test_people_who_asked_this_reader_to_be_left_out_are_not_restored(
     reader.root.mkdir()
     person = keyed(load_key(reader.root), name.lower())
     for source, mark_ in (("youtube", mark(channel)), ("reddit", person)):
-        tombstones.add(reader.root, source, [(f"{tombstones.PERSON}{mark_}", "named")])
+        tombstones.add_tombstones(reader.root, source, [(f"{tombstones.PERSON}{mark_}", "named")])
     for again in (False, True):
         reader.restore(release, again=again)
         found = reader.rows("SELECT part, key, reason FROM restored.missing")

@@ -400,35 +400,35 @@ def test_a_damaged_index_is_told(root: Path, spoil: Callable[[Path], Any]) -> No
     for suffix in kinds[SPOIL.index(spoil) :: len(SPOIL)]:  # each kind in one way
         names = files_of(folder).keys() - {MANIFEST, ".managed.json"}
         name = min(name for name in names if name.endswith(suffix))
-        assert not verify(root, run.progress).of("index")
+        assert not verify(root, run.progress).of_kinds("index")
         spoil(folder / name)
         with pytest.raises(DamagedData, match=re.escape(f"wiki/{name} ")) as caught:
             search(root, "camel")
         assert caught.value.hint == "run `kb index --again`"
-        (bad,) = verify(root, run.progress).of("index")
+        (bad,) = verify(root, run.progress).of_kinds("index")
         assert (bad.state, bad.path) == (
             "missing" if spoil is Path.unlink else "damaged",
             folder / name,
         )
         index(run)
         assert search(root, "camel")
-    assert not verify(root, run.progress).of("index")
+    assert not verify(root, run.progress).of_kinds("index")
 
 
 def test_an_index_without_its_note_or_with_a_file_more(root: Path) -> None:
     run, at = run_at(root), Layout(root)
     (at.index("wiki") / "more.txt").write_text("x")
-    (bad,) = verify(root, run.progress).of("index")
+    (bad,) = verify(root, run.progress).of_kinds("index")
     assert (bad.state, bad.path.name) == ("foreign", "more.txt")
     assert search(root, "camel")
     assert index(run)["indexed"] == ["wiki"]  # no byte stays that is not known
-    assert not verify(root, run.progress).of("index")
+    assert not verify(root, run.progress).of_kinds("index")
     ARTIFACTS["index/wiki"].manifest(root).unlink()
-    assert "missing" in {one.state for one in verify(root, run.progress).of("index")}
+    assert "missing" in {one.state for one in verify(root, run.progress).of_kinds("index")}
     with pytest.raises(UsageError, match="the index of wiki is missing"):
         search(root, "camel")
     assert index(run)["indexed"] == ["wiki"]
-    assert not verify(root, run.progress).of("index")
+    assert not verify(root, run.progress).of_kinds("index")
 
 
 def term(word: str) -> Any:

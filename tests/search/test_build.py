@@ -86,7 +86,7 @@ def test_the_same_rows_give_the_same_answers_in_any_number_of_segments(tmp_path:
     indexes = []
     for name, heap in (("small", 30 << 20), ("large", 256 << 20)):
         (tmp_path / name).mkdir()
-        tantivy_index.write(tmp_path / name, "", passages, lambda _: None, heap)
+        tantivy_index.write_index(tmp_path / name, "", passages, lambda _: None, heap)
         indexes.append(PassageIndex(tmp_path / name, ""))
     for words in ("elm", "6 oaks", "oaks elm 3"):
         asked = question(words)

@@ -29,7 +29,7 @@ NUMBERS = np.random.default_rng(0).random(400_000)
 
 def _table(folder: Path) -> None:
     with writing(folder / "rows.parquet") as path:
-        parquet.write(path, pa.table({"n": NUMBERS}))
+        parquet.write_file(path, pa.table({"n": NUMBERS}))
 
 
 def _array(folder: Path) -> None:
@@ -44,7 +44,7 @@ def _index(folder: Path) -> None:
         for number, text in enumerate(texts)
     ]
     with replacing_folder(folder / "index") as fresh:
-        tantivy_index.write(fresh, "", passages, lambda done: None, heap=30 << 20)
+        tantivy_index.write_index(fresh, "", passages, lambda done: None, heap=30 << 20)
 
 
 def _state(folder: Path) -> None:

@@ -39,7 +39,9 @@ def test_tasks_from_playlists_are_those_that_a_playlist_lists(job: Job) -> None:
     listed = {row["video_id"] for row in job.rows("SELECT video_id FROM clean.tasks")}
     assert listed == {key for key in every if key in places}
     assert made["from_playlists"] == made["tasks"] == len(listed)
-    reasons = "SELECT video_id, reasons FROM clean.tasks_titles WHERE rejected_reason = 'no_playlist'"
+    reasons = (
+        "SELECT video_id, reasons FROM clean.tasks_titles WHERE rejected_reason = 'no_playlist'"
+    )
     assert {row["video_id"] for row in job.rows(reasons)} >= every.keys() - places.keys()
     planted = {one["video_id"]: one["prompt"] for one in job.sandbox.world.truth["tasks"]}
     assert listed <= planted.keys()

@@ -21,7 +21,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     full_root.make(root)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KB_NOW", "2026-11-20T12:00:00Z")  # the same bytes, of which tests flip one
-        tombstones.add(root, "youtube", [("gone", "named")])
+        tombstones.add_tombstones(root, "youtube", [("gone", "named")])
     run = run_at(root)
     with open_session(run, YouTubeConnector(run), online=False):
         pass  # the state is made of the raw answers

@@ -33,7 +33,7 @@ def test_counts_are_by_kind_and_state(findings: Findings, tmp_path: Path) -> Non
 
 
 def test_what_no_longer_applies_is_dropped(findings: Findings) -> None:
-    findings.drop(findings.of("pairs"))
+    findings.drop(findings.of_kinds("pairs"))
     assert findings.total("missing") == (0, 0)
     assert [one.kind for one in findings.entries] == ["clean", "other"]
 
@@ -51,4 +51,8 @@ def test_a_step_whose_file_is_replaced_meanwhile_begins_again(
             raise FileNotFoundError
 
     findings.retrying(step)
-    assert (len(tries), findings.of("state"), findings.total("whole", ["state"])) == (2, [], (1, 5))
+    assert (len(tries), findings.of_kinds("state"), findings.total("whole", ["state"])) == (
+        2,
+        [],
+        (1, 5),
+    )

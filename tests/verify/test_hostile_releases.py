@@ -349,7 +349,9 @@ def test_numbers_outside_their_range_are_one_line(
 
     changed(path, odd)
     wanted = f"{path} can't be read: column {column} holds {said}"
-    declared = next(p.table for p in release_folder.read(at, source).parts if path in p.shards)
+    declared = next(
+        p.table for p in release_folder.read_release_folder(at, source).parts if path in p.shards
+    )
     name = {"pairs": "pairs", "tasks": "tasks", "links": "links.links"}.get(
         short, f"{source}_{short}"
     )
@@ -358,7 +360,7 @@ def test_numbers_outside_their_range_are_one_line(
     assert done.said.startswith(f"kb: {wanted}")
     with pytest.raises(DamagedData, match=re.escape(wanted)):
         kb.load(at)[name].to_table()
-    problems, readable = tables.check(release_folder.read(at, source))
+    problems, readable = tables.check(release_folder.read_release_folder(at, source))
     assert [one.what for one in problems if f"column {column} holds {said}" in one.what]
     assert declared not in [one.table for one in readable]
 

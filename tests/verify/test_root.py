@@ -58,7 +58,7 @@ def test_keys_restored_tables_and_notes_of_releases_are_known(root: Path) -> Non
     noted = pa.table({"table": ["pairs"], "key": [b"1"]})
     for path in (root / "state/releases/pairs/1.0.0.parquet", root / "restored/missing.parquet"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        parquet.write(path, noted)
+        parquet.write_file(path, noted)
     assert found(root) == []
 
 
@@ -106,9 +106,9 @@ def test_a_folder_that_is_neither(tmp_path: Path) -> None:
 def test_a_key_with_two_answers_is_told(root: Path) -> None:
     path = one(root, "clean/youtube/videos/*.parquet")
     shutil.copyfile(path, path.with_name("part-00001.parquet"))
-    known = manifest.read(root, "clean/youtube")
+    known = manifest.read_manifest(root, "clean/youtube")
     assert known is not None
     known.files["videos/part-00001.parquet"] = manifest.entry_of(path)
-    manifest.write(root / "clean/youtube" / MANIFEST, known)
+    manifest.write_manifest(root / "clean/youtube" / MANIFEST, known)
     (told,) = verify(root).entries
     assert "keys are in two of kept, rejected, failed and pending" in told.what

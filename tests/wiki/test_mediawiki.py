@@ -419,7 +419,7 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     before = {
         row["title"]: row["page_id"] for row in query(run, "SELECT title, page_id FROM pages")
     }
-    shown = sum(1 for _ in rawlog.read(run.root, "wiki", "renders"))
+    shown = sum(1 for _ in rawlog.envelopes(run.root, "wiki", "renders"))
     mediawiki.edit(
         "Grids",
         "The grid was taken down, and in its place there stands a plain paragraph that says"
@@ -447,7 +447,7 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     assert crawl(run)["crawled"] == 0
     again = crawl(dataclasses.replace(run, again=True))
     assert again["crawled"] == 4
-    renders = [e.response["title"] for e in rawlog.read(run.root, "wiki", "renders")][shown:]
+    renders = [e.response["title"] for e in rawlog.envelopes(run.root, "wiki", "renders")][shown:]
     assert sorted(renders) == ["Brand new", "Grids", "Has moved", "Workshop"]
     run_clean(run, "wiki")
     # An edit of one slot changes the row of that slot.

@@ -55,10 +55,10 @@ def test_names_in_other_letters_and_forms_go_and_shared_ones_stay(tmp_path: Path
     assert remove_keys(run, CLASSES["wiki"].connector(run), RULES, RULES.read_ids(ids, None))[
         0
     ].keys == {"1": "named"}
-    (left,) = rawlog.read(tmp_path, "wiki", "imageinfo")
+    (left,) = rawlog.envelopes(tmp_path, "wiki", "imageinfo")
     assert left.request.params == {"titles": [both[1]]}
     assert left.response == {"query": {"normalized": [], "pages": [pages[2]]}}
-    assert [one.response["page_id"] for one in rawlog.read(tmp_path, "wiki", "renders")] == [2]
+    assert [one.response["page_id"] for one in rawlog.envelopes(tmp_path, "wiki", "renders")] == [2]
 
 
 class Killed(Exception):

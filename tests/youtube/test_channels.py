@@ -253,6 +253,6 @@ def test_what_names_no_channel(entry: str) -> None:
 def test_a_list_of_handles_is_refused(tmp_path: Path) -> None:
     (tmp_path / "list").write_text("@handle\n")
     with pytest.raises(SettingError, match="line 1") as error:
-        purge.PEOPLE.read(tmp_path / "list")
+        purge.PEOPLE.read_people(tmp_path / "list")
     assert "(@name)" in error.value.hint
     assert "@handle" not in f"{error.value}{error.value.hint}"

@@ -29,7 +29,7 @@ def test_units_of_all_days_and_what_is_left_of_today(
     monkeypatch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
     for bucket in (quota.GENERAL, quota.SEARCH, quota.SEARCH):
         quota.quota(section, bucket).spend(frontier, "x", 1)
-    frontier.add(TRANSCRIPTS, ["a", "b"])
+    frontier.add_keys(TRANSCRIPTS, ["a", "b"])
     frontier.skip(TRANSCRIPTS, "a", PO_TOKEN)
     found = status(run, frontier)
     frontier.close()

@@ -99,7 +99,7 @@ def build(
 
 def _graph(run: Run, names: Sequence[str], out: Path | None) -> Summary:
     """Print the graph, and draw it."""
-    from kb.artifacts.graph_view import CURRENT, nodes
+    from kb.report.graph import CURRENT, nodes
 
     shown = nodes(run, names)
     for line in (line for node in shown for line in node.lines()):
@@ -110,7 +110,7 @@ def _graph(run: Run, names: Sequence[str], out: Path | None) -> Summary:
         current=sum(node.state == CURRENT for node in shown),
     )
     if out is not None:
-        from kb.report.graph_drawing import drawn
+        from kb.report.graph import drawn
         from kb.store.atomic import write_bytes
 
         write_bytes(out, drawn(shown))
@@ -125,7 +125,9 @@ def _planned(run: Run, size: int, outdated: Reasons) -> Summary:
     in_the_way = makers.obstacles(run, outdated)
     for obstacle in in_the_way:
         show(str(obstacle))
-    blocked = makers.made_of_these([n for one in in_the_way for n in one.artifacts], outdated)
+    blocked = makers.made_of_these(
+        [n for obstacle in in_the_way for n in obstacle.artifacts], outdated
+    )
     for line in freshness.lines(outdated):
         show(line)
     return Summary(
@@ -208,18 +210,11 @@ def update(
     done: dict[str, dict[str, Any]] = {name: {} for name in chosen}
     failures: list[tuple[str, KbError]] = []
     for name, step in ((name, step) for name, steps in chosen.items() for step in steps):
-        if not step.startswith("purge ") and any(name in one.split() for one, _ in failures):
+        if not step.startswith("purge ") and any(name in failed.split() for failed, _ in failures):
             continue  # what is known to be gone goes all the same
         run.progress.say(f"kb {step}")
-        # An unfinished round goes on; a finished one is followed by the next.
-        as_run = replace(run, again=step.endswith(" crawl"))
         try:
-            if step.startswith("purge "):  # what it removes is made again by the build at the end
-                purge = Recipe("purge").defined("purge")
-                done[name][step] = purge(as_run, name, None, build=False)
-                continue
-            command_: Any = find_command(step.split())
-            done[name][step] = command_.function(as_run, **_as_before(run, name, step))
+            done[name][step] = _step(run, name, step)
         except KbError as error:
             failures.append((step, error))
             done[name][step] = (error.summary or {}) | ending(error, str(error))
@@ -236,16 +231,33 @@ def update(
             failures.append(("build", error))
             built = error.summary or {}
         summary |= {name: value for name, value in built.items() if name != "command"}
-    if not failures:
-        return summary
-    step, worst = min(failures, key=lambda one: severity(one[1]))
+    if failures:
+        raise _worst(failures, summary)
+    return summary
+
+
+def _step(run: Run, source: str, step: str) -> Summary:
+    """Run one command of an update."""
+    # An unfinished round goes on; a finished one is followed by the next.
+    as_run = replace(run, again=step.endswith(" crawl"))
+    if step.startswith("purge "):  # what it removes is made again by the build at the end
+        purged: Summary = Recipe("purge").defined("purge")(as_run, source, None, build=False)
+        return purged
+    command_: Any = find_command(step.split())
+    made: Summary = command_.function(as_run, **_as_before(run, source, step))
+    return made
+
+
+def _worst(failures: list[tuple[str, KbError]], summary: Summary) -> KbError:
+    """The failure that decides the exit code, with the step in its message."""
+    step, worst = min(failures, key=lambda failure: severity(failure[1]))
     message, hint = f"kb {step}: {worst}", worst.hint or "the next run goes on there"
     if isinstance(worst, Stopped):
         worst.args = (message,)
     else:
         worst = FatalError(message)
     worst.hint, worst.summary = hint, summary
-    raise worst
+    return worst
 
 
 def _steps_of(source: str, *, crawled: bool, imported: bool) -> list[str]:
@@ -272,9 +284,9 @@ def _as_before(run: Run, source: str, step: str) -> dict[str, Any]:
     if step.endswith(" import"):
         spans = {name: given.pop(name)[0] for name in ("since", "until") if given.get(name)}
         paths = {name: [Path(text) for text in texts] for name, texts in given.items() if texts}
-        if gone := [path for some in paths.values() for path in some if not path.exists()]:
+        if missing := [path for some in paths.values() for path in some if not path.exists()]:
             raise FatalError(
-                f"{gone[0]}, which was imported before, is gone",
+                f"{missing[0]}, which was imported before, is gone",
                 hint=f"restore it, or run `kb {source} crawl`, which asks the service",
             )
         return {**paths, **spans}
@@ -346,12 +358,14 @@ def _planned_update(run: Run, chosen: Mapping[str, list[str]]) -> Summary:
                 arguments.pop("part", None)
             as_run = replace(run, again=step.endswith(" crawl"))
             planned = command_.function(as_run, plan=True, **arguments)
-            phases += [{**one, "phase": f"{step}: {one['phase']}"} for one in planned["phases"]]
+            phases += [
+                {**phase, "phase": f"{step}: {phase['phase']}"} for phase in planned["phases"]
+            ]
             assumed += [planned["assumed"]] if planned.get("assumed") else []
     outdated = freshness.plan(run, freshness.graph(run))
     steps = _planned(run, len(outdated), outdated)["steps"]
     sums = {
-        name: round(sum(one.get(name, 0) for one in phases), 3)
+        name: round(sum(phase.get(name, 0) for phase in phases), 3)
         for name in ("requests", "units", "hours", "gb")
     }
     about = {"command": "update --plan", "source": "", **sums, "steps": steps}

@@ -97,21 +97,21 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     profile = load_profile(options.profile or DEFAULT)
     refuse(profile)
     domain = domain_of(profile)
-    words = next((one.name for one in domain.keywords), profile.title)
+    words = next((keyword.name for keyword in domain.keywords), profile.title)
     with Sandbox(World(domain=domain, n_named=PAGES, **size)) as services:
         _say(options, "the tiny toxicity model (made once, the same on every machine)")
         settings = services.settings() | _tiny_model(lambda why: _say(options, f"left out: {why}"))
         os.environ |= settings  # worker processes read them too
         for place in (data, root):
             options.check_root(place, named=named)
-        mark = demo_mark.read(root)
+        mark = demo_mark.read_mark(root)
         if mark is None and is_root(root):
             raise UsageError(
                 f"{root} holds data that no demo has made", hint="name another folder with --data"
             )
         if mark is not None and mark.finished:
             _remove(root)
-        demo_mark.write(root, finished=False)
+        demo_mark.write_mark(root, finished=False)
         # In so small a world one process is done before others have imported what they need.
         single = 1 if options.engine == "local" else None
         run = replace(options, workers=options.workers or single).make_run(dotenv=False)
@@ -187,7 +187,7 @@ def _all(
         _search(words, run.root)
     page = Layout(run.root).page
     print(f"\nTables, figures and releases are in {run.root}; open {page}")
-    demo_mark.write(run.root, finished=True)
+    demo_mark.write_mark(run.root, finished=True)
     about = {"steps": len(done), "requests": services.requests, "root": str(run.root)}
     return Summary({"command": "demo", **about, **done})
 
@@ -201,7 +201,12 @@ def _missing_section(run: Run, step: str) -> str | None:
     }.get(step, step.split())
     sections = (*SOURCES, "pairs")
     return next(
-        (one for one in needed if one in sections and getattr(run.profile, one) is None), None
+        (
+            source
+            for source in needed
+            if source in sections and getattr(run.profile, source) is None
+        ),
+        None,
     )
 
 

@@ -153,7 +153,7 @@ def _root(run: Run) -> Iterator[Line]:
     except UsageError as error:
         yield PROBLEM, "data root", str(error), error.hint
         return
-    place = next(one for one in (run.root, *run.root.parents) if one.exists())
+    place = next(folder for folder in (run.root, *run.root.parents) if folder.exists())
     what = "data root" if place == run.root else "data root (yet to be made)"
     kind = _file_system(place)
     where = f"{run.root}" + (f" on {kind}" if kind else "")
@@ -194,12 +194,12 @@ def _disks(run: Run, place: Path) -> Iterator[Line]:
         disks.setdefault(there.stat().st_dev, (there, []))[1].append((source, gb))
     for there, planned in disks.values():
         free, needed = shutil.disk_usage(there).free, sum(gb * 1e9 for _, gb in planned)
-        told = f"{terminal.size(free)} free" + (f" at {there}" if there != place else "")
+        what = f"{terminal.size(free)} free" + (f" at {there}" if there != place else "")
         if planned:
             crawls = ", ".join(f"{source} {gb:.1f} GB" for source, gb in planned)
-            told += f"; crawls need about {terminal.size(int(needed))} ({crawls})"
+            what += f"; crawls need about {terminal.size(int(needed))} ({crawls})"
         fix = "free some, or take another --data"
-        yield (PROBLEM, "disk", told, fix) if needed > free else (OK, "disk", told, "")
+        yield (PROBLEM, "disk", what, fix) if needed > free else (OK, "disk", what, "")
 
 
 def _written_to(run: Run, source: str) -> Path:
@@ -208,14 +208,14 @@ def _written_to(run: Run, source: str) -> Path:
 
     at = Layout(run.root)
     place = at.captures if source == CAPTURED else at.raw(source)
-    return next(one for one in (place, *place.parents) if one.exists()).resolve()
+    return next(folder for folder in (place, *place.parents) if folder.exists()).resolve()
 
 
 def warn_of_space(run: Run, source: str) -> None:
     """Say in one line that a crawl may need more than is free; `--limit` asks for less anyway."""
     place = _written_to(run, source)
     free = shutil.disk_usage(place).free
-    needed = next((gb * 1e9 for one, gb in _planned(run) if one == source), 0)
+    needed = next((gb * 1e9 for planned, gb in _planned(run) if planned == source), 0)
     if needed > free and run.limit is None:
         warn(
             f"the crawl needs about {terminal.size(int(needed))}, and {terminal.size(free)} are"
@@ -242,8 +242,10 @@ def _file_system(place: Path) -> str:
     except OSError:
         return ""
     path = str(place.resolve())
-    inside = [one for one in mounts if path == one[1] or path.startswith(one[1].rstrip("/") + "/")]
-    return max(inside, key=lambda one: len(one[1]))[2] if inside else ""
+    inside = [
+        mount for mount in mounts if path == mount[1] or path.startswith(mount[1].rstrip("/") + "/")
+    ]
+    return max(inside, key=lambda mount: len(mount[1]))[2] if inside else ""
 
 
 def _clock(run: Run) -> Iterator[Line]:

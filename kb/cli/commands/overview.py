@@ -75,7 +75,11 @@ def overview(run: Run) -> dict[str, Any]:
     if run.profile.path != Path() and not catalog.is_download:
         outdated = freshness.plan(run, freshness.graph(run))
         stale = freshness.steps(outdated)
-    disk = {one.path.name: one.size for one in catalog.releases} if catalog.is_download else {}
+    disk = (
+        {folder.path.name: folder.size for folder in catalog.releases}
+        if catalog.is_download
+        else {}
+    )
     if not disk:
         folders = [run.root / name for name in (*TOP, "demo") if (run.root / name).is_dir()]
         disk = {path.name: _size(path) for path in folders}
@@ -119,10 +123,12 @@ def _replay_missing_states(run: Run) -> None:
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     """Progress, quota, age and rows of a source; empty without data of it."""
     of, state = SOURCES[source], Layout(run.root).state(source)
-    own = (one.short for one in declared().values() if one.source == source)
-    clean = {one: Layout(run.root).clean(source, one) for one in (*own, *VERDICTS)}
-    tables = _in_order({one: rows(path) for one, path in clean.items() if parquet_files(path)})
-    released, restored = (_schema_rows(catalog, one, source) for one in ("release", "restored"))
+    own = (table.short for table in declared().values() if table.source == source)
+    clean = {short: Layout(run.root).clean(source, short) for short in (*own, *VERDICTS)}
+    tables = _in_order({short: rows(path) for short, path in clean.items() if parquet_files(path)})
+    released, restored = (
+        _schema_rows(catalog, schema, source) for schema in ("release", "restored")
+    )
     has_raw = rawlog.any_answer(run.root, source)
     if not (state.exists() or has_raw or tables or released or restored):
         return {}
@@ -187,7 +193,7 @@ def _verdicts(root: Path, source: str) -> dict[str, Any]:
     by_table = tally(Layout(root).clean(source), SOURCES[source].tables)
     if not by_table:
         return {"tally": {}}
-    total = {name: sum(each[name] for each in by_table.values()) for name in _ANSWERS}
+    total = {name: sum(counts[name] for counts in by_table.values()) for name in _ANSWERS}
     return {**total, "tally": by_table}
 
 
@@ -201,13 +207,13 @@ def _waiting(root: Path, source: str) -> dict[str, int]:
 
 def _schema_rows(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
     """Rows by table of a source in one schema of the catalog, such as release or restored."""
-    named = {f"{schema}.{view_name(one)}": one for one in declared().values()}
+    named = {f"{schema}.{view_name(table)}": table for table in declared().values()}
     counts: dict[str, int] = {}
     for view in catalog.views:
-        one = named.get(view.full)
-        if one is not None and one.source == source and one.short != "missing":
+        table = named.get(view.full)
+        if table is not None and table.source == source and table.short != "missing":
             with reading.reading(view.files):
-                counts[one.short] = sum(parquet.footer(file).num_rows for file in view.files)
+                counts[table.short] = sum(parquet.footer(file).num_rows for file in view.files)
     return _in_order(counts)
 
 

@@ -220,7 +220,7 @@ def score(
     from kb.clips.build import Chosen
     from kb.score.build import score as scored
 
-    folders = [one.expanduser() for one in videos]
+    folders = [folder.expanduser() for folder in videos]
     summary = scored(run, folders, model, Chosen("", pairs, "", sample), str(device))
     seen = summary["visible"]
     if not seen["judged"]:
@@ -230,8 +230,10 @@ def score(
         )
         return summary
     show_row(("similarity", "judged", "show what is named"))
-    for one in seen["bins"]:
-        show_row((f"{one['from']:.3f} to {one['to']:.3f}", one["n"], interval_text(one)))
+    for judged in seen["bins"]:
+        show_row(
+            (f"{judged['from']:.3f} to {judged['to']:.3f}", judged["n"], interval_text(judged))
+        )
     if seen["reached_from"]:
         reached = seen["reached_from"]
         show_row((f"{reached['similarity']:.3f} or more", reached["n"], interval_text(reached)))
@@ -274,9 +276,9 @@ def measure(
     summary: Summary = recipe.defined("measure")(run, sample)
     section = summary["speech_recognition"]
     show_row(("kind", "automatic", "manual", "both", "manual|automatic", "automatic|manual"))
-    for kind, one in {**section["keywords_by_kind"], "all": section["keywords"]}.items():
-        counts = (one["in_automatic"], one["in_manual"], one["in_both"])
-        shares = (one["manual_given_automatic"], one["automatic_given_manual"])
+    for kind, compared in {**section["keywords_by_kind"], "all": section["keywords"]}.items():
+        counts = (compared["in_automatic"], compared["in_manual"], compared["in_both"])
+        shares = (compared["manual_given_automatic"], compared["automatic_given_manual"])
         show_row((kind, *counts, *map(interval_text, shares)))
     return summary
 
@@ -418,7 +420,7 @@ def clips(
         cast("Any", format.value),
         run.profile.clips.jpeg_quality,
     )
-    folders = [one.expanduser() for one in videos]
+    folders = [folder.expanduser() for folder in videos]
     chosen = build.Chosen(keyword, pairs, where, sample)
     if plan:
         return build.plan(run, folders, options, chosen)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -18,6 +18,7 @@ from kb.core.errors import SettingError
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
+    from kb.core.config.profile import Profile
     from kb.core.config.section import Finding, QuestionCost
     from kb.pairs.keyword_proposal import Proposal
 
@@ -144,13 +145,7 @@ def check(
     in the transcripts of clean/youtube, and tries the wiki's selectors on captured pages. The exit
     code is 2 if there is an error, and 0 with warnings and notes.
     """
-    from kb.cli.commands.profile_files import (
-        captured_pages,
-        contact_findings,
-        examine,
-        keyword_hits,
-        selector_findings,
-    )
+    from kb.cli.commands.profile_files import examine
     from kb.core.config.profile import find_profile
     from kb.core.config.section import ERROR, LEVELS, NOTE, Finding
 
@@ -159,28 +154,10 @@ def check(
     path = find_profile(name) if name is not None else _current_profile(options)
     checked = examine(path)
     findings = list(checked.findings)
-    hits: list[dict[str, Any]] = []
-    answers: list[tuple[Finding, QuestionCost, int]] = []
-    if checked.profile is not None and all(one.level != ERROR for one in findings):
-        # The command only reads, so the data root may be another domain's.
-        run = replace(options, profile=None).make_run(needs="nothing")
-        run = replace(run, profile=checked.profile)
-        pages: list[str] = []
-        # Not the default data root, which may be any domain's.
-        is_named = "kb_data" in run.settings.model_fields_set and run.root.is_dir()
-        if options.data is not None or is_named:
-            hits, more = keyword_hits(run)
-            findings += more
-            pages = captured_pages(run.root)
-        findings += contact_findings(run)
-        if online:
-            from kb.cli.commands.profile_files import ask
-
-            answers = list(ask(run))
-            findings += [finding for finding, _, _ in answers]
-            pages += [page for _, cost, _ in answers for page in cost.pages]
-        if pages:
-            findings += selector_findings(checked.profile, pages)
+    tried = _Tried([], [], [])
+    if checked.profile is not None and all(finding.level != ERROR for finding in findings):
+        tried = _try(options, checked.profile, online=online)
+        findings += tried.findings
     elif online or options.data is not None:
         what = "keywords and services were not tried"
         findings.append(Finding(NOTE, path.name, 0, "", what, "fix the errors first"))
@@ -188,24 +165,65 @@ def check(
         typer.echo(f"{path}:" if findings else f"{path}: no problems found")
         if findings:
             typer.echo(_table(findings))
-        _show_hits(hits)
+        _show_hits(tried.hits)
     summary = Summary(
         command="profile check",
         profile=checked.profile.name if checked.profile else str(path),
-        **{f"{level}s": sum(one.level == level for one in findings) for level in LEVELS},
+        **{f"{level}s": sum(finding.level == level for finding in findings) for level in LEVELS},
     )
     if online:
-        summary["requests"] = sum(cost.requests for _, cost, _ in answers)
-        summary["units"] = sum(cost.units for _, cost, _ in answers)
+        summary["requests"] = sum(cost.requests for _, cost, _ in tried.answers)
+        summary["units"] = sum(cost.units for _, cost, _ in tried.answers)
     if options.json:
-        summary["findings"] = [one._asdict() for one in findings]
-        summary["hits"] = hits
+        summary["findings"] = [finding._asdict() for finding in findings]
+        summary["hits"] = tried.hits
     show_summary(summary, options.json)
-    offline = any(one.level == ERROR and not one.file.startswith("online") for one in findings)
-    codes = {code for _, _, code in answers} | ({2} if offline else set())
+    offline = any(
+        finding.level == ERROR and not finding.file.startswith("online") for finding in findings
+    )
+    codes = {code for _, _, code in tried.answers} | ({2} if offline else set())
     for code in (2, 1, 4, 3):  # the worst first
         if code in codes:
             raise typer.Exit(code)
+
+
+class _Tried(NamedTuple):
+    """What the use of a profile without errors has shown: findings, matches of keywords, and the
+    answer of each service as a finding, with its cost and exit code.
+    """
+
+    findings: list[Finding]
+    hits: list[dict[str, Any]]
+    answers: list[tuple[Finding, QuestionCost, int]]
+
+
+def _try(options: Options, profile: Profile, *, online: bool) -> _Tried:
+    """Use a profile on the data root, if one is named, and on the services, if `online`."""
+    from kb.cli.commands.profile_files import (
+        ask,
+        captured_pages,
+        contact_findings,
+        keyword_hits,
+        selector_findings,
+    )
+
+    # The command only reads, so the data root may be another domain's.
+    run = replace(replace(options, profile=None).make_run(needs="nothing"), profile=profile)
+    findings: list[Finding] = []
+    hits: list[dict[str, Any]] = []
+    pages: list[str] = []
+    # Not the default data root, which may be any domain's.
+    is_named = "kb_data" in run.settings.model_fields_set and run.root.is_dir()
+    if options.data is not None or is_named:
+        hits, findings = keyword_hits(run)
+        pages = captured_pages(run.root)
+    findings += contact_findings(run)
+    answers = list(ask(run)) if online else []
+    findings += [finding for finding, _, _ in answers]
+    pages += [page for _, cost, _ in answers for page in cost.pages]
+    if pages:
+        findings += selector_findings(profile, pages)
+    return _Tried(findings, hits, answers)
 
 
 @command(
@@ -292,7 +310,7 @@ def _show_hits(hits: list[dict[str, Any]]) -> None:
 def _table(findings: list[Finding]) -> str:
     """Level, place, finding and fix, in columns."""
     rows = [("level", "where", "finding", "how to fix it")]
-    rows += [(one.level, one.where, one.what, one.fix) for one in findings]
+    rows += [(finding.level, finding.where, finding.what, finding.fix) for finding in findings]
     columns = [[terminal.one_line(cell) for cell in column] for column in zip(*rows, strict=True)]
     widths = [max(map(len, column)) for column in columns]
     lines = []

@@ -83,7 +83,11 @@ def refuse(profile: Profile) -> None:
 
     Warnings pass, and so does what only a published release needs.
     """
-    errors = [one for one in examine(profile.path, publishing=False).findings if one.level == ERROR]
+    errors = [
+        finding
+        for finding in examine(profile.path, publishing=False).findings
+        if finding.level == ERROR
+    ]
     if not errors:
         return
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
@@ -191,13 +195,13 @@ def ask(run: Run) -> Iterator[tuple[Finding, QuestionCost, int]]:
 
     Raises Interrupted only: another error is an answer as well.
     """
-    for source, each in CLASSES.items():
+    for source, source_class in CLASSES.items():
         if getattr(run.profile, source) is None:
             continue
         cost = QuestionCost()
         answer: OnlineAnswer | None
         try:
-            answer = each.question(run, cost)
+            answer = source_class.question(run, cost)
         except (MissingCredential, SettingError) as error:
             answer = OnlineAnswer(WARNING, "", f"not asked: {error}", error.hint)
         except Interrupted:
@@ -237,7 +241,9 @@ def write_new(
     base = load_profile(source) if source is not None else None
     signed = _signed(**owner)
     asked = {"release.contact": "contact"}
-    asked |= dict.fromkeys((f"release.licenses.{one}" for one in Release().unlicensed()), "licence")
+    asked |= dict.fromkeys(
+        (f"release.licenses.{licensed}" for licensed in Release().unlicensed()), "licence"
+    )
     given |= {key: (f"--{option}", owner.get(option)) for key, option in asked.items()}
     text = profile_text(name, values=values | signed, source=base)
     _check_given(text, given)
@@ -307,7 +313,9 @@ def _check_given(text: str, given: Mapping[str, tuple[str, str | None]]) -> None
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / PROFILE_FILE
         path.write_text(text, encoding="utf-8")
-        wrong = {one.key: one for one in check_file(path).findings if one.level == ERROR}
+        wrong = {
+            finding.key: finding for finding in check_file(path).findings if finding.level == ERROR
+        }
     for key, (option, value) in given.items():
         if value is not None and key in wrong:
             raise SettingError(f"{option} is {value!r}", hint=wrong[key].fix)

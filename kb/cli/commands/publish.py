@@ -142,8 +142,8 @@ def publish(
         raise
     finally:
         run.progress.close()
-        for source, one in done.get("sources", {}).items() if not options.json else ():
-            facts = (source, *(one.get(name) for name in ("state", "id", "doi", "page")))
+        for source, deposit in done.get("sources", {}).items() if not options.json else ():
+            facts = (source, *(deposit.get(name) for name in ("state", "id", "doi", "page")))
             show("  ".join(str(fact) for fact in facts if fact))
 
 

@@ -43,9 +43,9 @@ class SqlCommand(Command):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments without the comments before a query."""
-        for place, one in enumerate(args):
-            if one.startswith("-- ") or (one.startswith("--") and "\n" in one):
-                args[place] = re.sub(r"\A(?:\s*--[^\n]*(?:\n|\Z))+", "", one)
+        for place, arg in enumerate(args):
+            if arg.startswith("-- ") or (arg.startswith("--") and "\n" in arg):
+                args[place] = re.sub(r"\A(?:\s*--[^\n]*(?:\n|\Z))+", "", arg)
         return super().parse_args(ctx, args)
 
 
@@ -136,7 +136,7 @@ def query(
     else:
         warn_stale(run)
     if tables and views is None:
-        table_catalog.read(run.root)
+        table_catalog.read_catalog(run.root)
     limits = for_people(timeout)
     root = None if address else run.root
     with contextlib.closing(connect(root, views, limits)) as db, limited(db, limits):
@@ -163,7 +163,7 @@ def _views_at(place: str) -> Sequence[View]:
         from kb.artifacts import remote_release  # not for nothing: its import takes long
 
         return remote_release.read_views(address)
-    return table_catalog.read(Path(place)).views
+    return table_catalog.read_catalog(Path(place)).views
 
 
 def _read(sql: str | None, file: Path | None) -> str:

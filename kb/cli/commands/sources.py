@@ -190,7 +190,7 @@ def missing_transcripts(
     if freshness.reasons(run, "clean/youtube"):
         run.progress.say("the tables are out of date; run `kb youtube filter` for a newer list")
     summary = Summary(command="youtube missing-transcripts", missing_transcripts=len(ids))
-    show_list("".join(f"{one}\n" for one in ids), out, summary, options.json)
+    show_list("".join(f"{item_id}\n" for item_id in ids), out, summary, options.json)
 
 
 wiki_app = group("Collect wiki pages: screenshots, elements with boxes, tables and images.")

@@ -1,6 +1,7 @@
 """`kb status`: progress of a collection, for a person or as JSON."""
 
 import json
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -18,6 +19,12 @@ if TYPE_CHECKING:
 
 _COPIES = "restored", "released"
 _SHOWN_REASONS = 5
+_NOTHING_YET = (
+    "nothing collected yet; try `kb demo` to see the whole job,"
+    " `kb youtube crawl --plan` to see what a crawl costs,"
+    " or without a key `kb youtube import DIR…` for folders of yt-dlp and"
+    " `kb reddit import FILE…` for archive dumps"
+)
 
 app = group("Show progress, quota, age of the data and what is left.")
 
@@ -66,12 +73,15 @@ def _show_runs(options: Options) -> None:
 
     records = list(kept(options.make_run(needs="root").root))
     if options.json:
-        print(json.dumps({"runs": [to_builtins(one) for one in records]}))
+        print(json.dumps({"runs": [to_builtins(record) for record in records]}))
     elif not records:
         show("no run has written here yet")
     else:
         rows = [("start", "took", "exit", "command")]
-        rows += [(one.start, span(one.seconds), str(one.exit_code), one.command) for one in records]
+        rows += [
+            (record.start, span(record.seconds), str(record.exit_code), record.command)
+            for record in records
+        ]
         more = ["", *map(_made, records)]
         for cells, made in zip(terminal.table(rows), more, strict=True):
             show(f"{cells}  {made}".rstrip())
@@ -90,122 +100,128 @@ def _made(record: "RunRecord") -> str:
 
 def lines(about: dict[str, Any]) -> list[str]:
     """The overview as a person reads it."""
-    shown = [
-        (
-            f"{'download' if about['download'] else 'data root'} {about['data']},"
-            f" profile {about['profile']}, {terminal.size(about['disk_bytes_total'])}"
-        )
-    ]
+    folder = "download" if about["download"] else "data root"
+    size = terminal.size(about["disk_bytes_total"])
+    shown = [f"{folder} {about['data']}, profile {about['profile']}, {size}"]
     if not (about["sources"] or any(about["pairs"].values()) or about["links"]):
-        return [
-            *shown,
-            (
-                "nothing collected yet; try `kb demo` to see the whole job,"
-                " `kb youtube crawl --plan` to see what a crawl costs,"
-                " or without a key `kb youtube import DIR…` for folders of yt-dlp and"
-                " `kb reddit import FILE…` for archive dumps"
-            ),
-        ]
+        return [*shown, _NOTHING_YET]
     for source, facts in about["sources"].items():
-        about_it = _source(source, facts)
-        shown += about_it if len(about_it) > 1 or facts["running_pid"] else []
+        own = list(_of_source(source, facts))
+        shown += own if len(own) > 1 or facts["running_pid"] else []
     rows = {"pairs": next(filter(None, about["pairs"].values()), 0), "tasks": about["tasks"]}
     if made := {name: n for name, n in (rows | about["links"]).items() if n}:
         shown.append(f"made of them: {vocabulary.nouns(made)}")
     if about["stale"]:
-        why = [f"{one['artifact']}: {', '.join(one['reasons'])}" for one in about["stale"]]
-        shown += ["out of date:", *(f"  {line}" for line in why)]
+        shown.append("out of date:")
+        shown += [f"  {old['artifact']}: {', '.join(old['reasons'])}" for old in about["stale"]]
     disk = ", ".join(f"{name} {terminal.size(n)}" for name, n in about["disk_bytes"].items())
     shown.append(f"disk: {disk}")
     shown += [f"next: {step}" for step in about["next"]]
+    return [*shown, *filter(None, [_outlook(about)])]
+
+
+def _outlook(about: dict[str, Any]) -> str:
+    """What is left to do, or what a download is for; "" where the next steps say it."""
     if about["download"]:
-        shown.append("next: `kb restore` restores its content; `kb search` and `kb query` read it")
-        return shown
+        return "next: `kb restore` restores its content; `kb search` and `kb query` read it"
     sources = about["sources"].values()
+    if any(facts["running_pid"] for facts in sources):
+        return "next: wait for the running command"
+    if about["next"]:
+        return ""
     waits = {
         "to read": about["left"],
         "pending": sum(facts.get("pending", 0) for facts in sources),
         "failed": sum(max(facts.get("failed", 0), _failed(facts)) for facts in sources),
         "too old": about["too_old"],
     }
-    if any(facts["running_pid"] for facts in sources):
-        shown.append("next: wait for the running command")
-    elif any(waits.values()) and not about["next"]:
-        open_ = (one for one in sources if one["left"] or _failed(one) or one["too_old"])
-        lacking = [name.upper() for one in open_ if (name := one["lacks"])]
-        without = f"; {' and '.join(lacking)} not set" if lacking else ""
-        what = ", ".join(f"{n:,} {name}" for name, n in waits.items() if n)
-        shown.append(f"left: {what}{without}")
-    elif not about["next"]:
-        shown.append("nothing is left to do")
-    return shown
+    if not any(waits.values()):
+        return "nothing is left to do"
+    unfinished = (facts for facts in sources if facts["left"] or _failed(facts) or facts["too_old"])
+    lacking = [name.upper() for facts in unfinished if (name := facts["lacks"])]
+    without = f"; {' and '.join(lacking)} not set" if lacking else ""
+    return f"left: {', '.join(f'{n:,} {name}' for name, n in waits.items() if n)}{without}"
 
 
 def _failed(facts: dict[str, Any]) -> int:
     return sum(counts.get("error", 0) for counts in facts["phases"].values())
 
 
-def _source(source: str, facts: dict[str, Any]) -> list[str]:
-    """The lines of a source: crawled and kept, what is left, and the cost so far."""
+def _of_source(source: str, facts: dict[str, Any]) -> Iterator[str]:
+    """The lines of a source; the first is its name."""
     running = f" (running: pid {facts['running_pid']})" if facts["running_pid"] else ""
-    lines = [f"{source}{running}"]
+    yield f"{source}{running}"
+    for part in (_collected, _to_read, _age_and_cost, _incomplete):
+        for line in part(source, facts):
+            yield f"  {line}"
+
+
+def _collected(source: str, facts: dict[str, Any]) -> Iterator[str]:
+    """What was crawled, what the filter made of it, and where else it is."""
     if facts["unread"]:
-        lines.append(f"  raw data that no table is made of yet: run `kb {source} filter`")
+        yield f"raw data that no table is made of yet: run `kb {source} filter`"
     for counted, numbers in facts["tally"].items():
-        lines.append(f"  {vocabulary.tally(counted, numbers)}")
-    sorted_so_far = facts["tally"].get(facts["counted"], {}).get("crawled", 0)
-    if facts["crawled_so_far"] > sorted_so_far:
-        more = vocabulary.count(
-            facts["crawled_so_far"] - sorted_so_far, f"{{n}} {facts['counted']} crawled"
-        )
-        lines.append(f"  {more} but not filtered yet")
+        yield vocabulary.tally(counted, numbers)
+    filtered = facts["tally"].get(facts["counted"], {}).get("crawled", 0)
+    if (more := facts["crawled_so_far"] - filtered) > 0:
+        crawled = vocabulary.count(more, f"{{n}} {facts['counted']} crawled")
+        yield f"{crawled} but not filtered yet"
+    if facts["left_by"]:
+        yield f"left: {vocabulary.nouns(facts['left_by'])}"
     own = (*facts["tally"], "rejected", "failed", "pending")  # in the lines above
-    extra = {name: n for name, n in facts["rows"].items() if name not in own}
-    for title, numbers in (
-        ("left", facts["left_by"]),
-        ("kept with them", extra),
-    ):
-        if numbers:
-            lines.append(f"  {title}: {vocabulary.nouns(numbers)}")
-    copies = [f"{one}: {vocabulary.nouns(facts[one])}" for one in _COPIES if facts[one]]
-    lines += [f"  {'; '.join(copies)}"] if copies else []
-    phases = facts["phases"].items()
-    lines += _table(
-        "to read",
-        ["done", "left", "failed", "skipped"],
-        {
-            kind: [one.get("done", 0), one["left"], one.get("error", 0), one.get("skipped", 0)]
-            for kind, one in phases
-            if one["left"] or one.get("error", 0)  # what is done says nothing about what to do
-        },
-    )
+    if extra := {name: n for name, n in facts["rows"].items() if name not in own}:
+        yield f"kept with them: {vocabulary.nouns(extra)}"
+    if copies := [f"{copy}: {vocabulary.nouns(facts[copy])}" for copy in _COPIES if facts[copy]]:
+        yield "; ".join(copies)
+
+
+def _to_read(source: str, facts: dict[str, Any]) -> Iterator[str]:
+    """What a crawl would go on with, and what keeps it from that."""
+    states = ("done", "left", "error", "skipped")
+    phases = {
+        kind: [counts.get(state, 0) for state in states]
+        for kind, counts in facts["phases"].items()
+        if counts["left"] or counts.get("error", 0)  # what is done says nothing about what to do
+    }
+    if phases:
+        cells = [(kind, *(f"{n:,}" for n in numbers)) for kind, numbers in phases.items()]
+        yield from terminal.table([("to read", "done", "left", "failed", "skipped"), *cells], 10)
     if failures := facts["failures"]:
         shown = [f"{reason} ({n:,})" for reason, n in failures.items()][:_SHOWN_REASONS]
         rest = ", …" if len(failures) > _SHOWN_REASONS else ""
-        lines.append(f"  failed: {', '.join(shown)}{rest}")
+        yield f"failed: {', '.join(shown)}{rest}"
     if facts["stopped"]:
-        lines.append(f"  stopped: {facts['stopped']}; it waits for: {facts['waits_for']}")
+        yield f"stopped: {facts['stopped']}; it waits for: {facts['waits_for']}"
     if facts["quota"] and not facts["lacks"]:
         buckets = facts["quota"].items()
-        shares = [f"{name} {one['spent']:,} of {one['limit']:,}" for name, one in buckets]
+        shares = [f"{name} {bucket['spent']:,} of {bucket['limit']:,}" for name, bucket in buckets]
         resets = next(iter(facts["quota"].values()))["resets_at"]
-        lines.append(f"  quota spent today: {', '.join(shares)}; resets {resets}")
+        yield f"quota spent today: {', '.join(shares)}; resets {resets}"
     for reason, n in facts["waiting"].items():
-        if reason == "po_token":  # they have a line of their own
-            continue
-        hint = SOURCES[source].waiting.get(reason, "the next crawl asks for them again")
-        lines.append(f"  {n:,} pending ({reason}): {hint}")
-    spent = ("requests",) if facts["lacks"] else ("units", "requests")  # a quota is a key's
-    cost = [vocabulary.phrase(name, facts[name], {}) for name in spent]
-    read = [f"read between {facts['oldest']} and {facts['newest']}"] if facts["oldest"] else []
+        if reason != "po_token":  # they have a line of their own
+            hint = SOURCES[source].waiting.get(reason, "the next crawl asks for them again")
+            yield f"{n:,} pending ({reason}): {hint}"
+
+
+def _age_and_cost(source: str, facts: dict[str, Any]) -> Iterator[str]:
+    """How old the rows are, and what was asked for them."""
+    parts = []
+    if facts["oldest"]:
+        parts.append(f"read between {facts['oldest']} and {facts['newest']}")
     if facts["too_old"]:
-        read.append(f"{facts['too_old']:,} rows older than {facts['max_age_days']} days")
-    read += ["asked so far: " + ", ".join(filter(None, cost))] if any(cost) else []
-    if read:
-        lines.append(f"  {'; '.join(read)}")
+        parts.append(f"{facts['too_old']:,} rows older than {facts['max_age_days']} days")
+    spent = ("requests",) if facts["lacks"] else ("units", "requests")  # a quota is a key's
+    if cost := [*filter(None, (vocabulary.phrase(name, facts[name], {}) for name in spent))]:
+        parts.append(f"asked so far: {', '.join(cost)}")
+    if parts:
+        yield "; ".join(parts)
+
+
+def _incomplete(source: str, facts: dict[str, Any]) -> Iterator[str]:
+    """What the service did not give or Lorecrawl did not understand."""
     if facts.get("po_token"):
-        lines.append(
-            f"  {vocabulary.phrase('po_token', facts['po_token'], {})};"
+        yield (
+            f"{vocabulary.phrase('po_token', facts['po_token'], {})};"
             " a crawl on a later day tries them again. Or make transcripts of your own:"
             " `kb youtube missing-transcripts` lists what lacks one, `kb youtube import"
             " --own-transcripts DIR` takes them"
@@ -213,18 +229,10 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
     if facts.get("incomplete_posts"):
         names = ", ".join(facts["incomplete"])
         rest = ", …" if facts["incomplete_posts"] > len(facts["incomplete"]) else ""
-        lines.append(
-            f"  {vocabulary.phrase('incomplete_posts', facts['incomplete_posts'], {})}:"
+        yield (
+            f"{vocabulary.phrase('incomplete_posts', facts['incomplete_posts'], {})}:"
             f" {names}{rest}; the next `kb reddit crawl` tries their comments again"
         )
     if facts["unknown_keys"]:
         keys = ", ".join(f"{key} ({n:,})" for key, n in facts["unknown_keys"].items())
-        lines.append(f"  unknown keys in answers: {keys}")
-    return lines
-
-
-def _table(head: str, columns: list[str], rows: dict[str, list[int]]) -> list[str]:
-    if not rows:
-        return []
-    cells = [(name, *(f"{value:,}" for value in values)) for name, values in rows.items()]
-    return [f"  {line}" for line in terminal.table([(head, *columns), *cells], 10)]
+        yield f"unknown keys in answers: {keys}"

@@ -137,7 +137,7 @@ class DumpsCommand(Command):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments with --dumps repeated before each file."""
-        takes_folders = any(one.param_type_name == "argument" for one in self.params)
+        takes_folders = any(param.param_type_name == "argument" for param in self.params)
         words: list[str] = []
         inside = False
         for word, before in zip(args, ["", *args], strict=False):
@@ -360,7 +360,7 @@ def _signals(resumable: bool) -> Iterator[None]:
         with signals.stop_on_signals():
             yield
         return
-    heeded = [one for one in signals.BOTH if signal.getsignal(one) is not signal.SIG_IGN]
+    heeded = [sent for sent in signals.BOTH if signal.getsignal(sent) is not signal.SIG_IGN]
     with signals.handling(signal.default_int_handler, heeded):
         yield
 
@@ -391,13 +391,13 @@ class Handler(logging.Handler):
             self._counts[text] += 1
             if not self._debug and (count := self._counts[text]) > 1:
                 if count == 2:
-                    again = "the same again; further ones are only in the log (--log FILE)"
-                    print(f"{text[:120]}: {again}", file=sys.stderr, flush=True)
+                    repeated = "the same again; further ones are only in the log (--log FILE)"
+                    print(f"{text[:120]}: {repeated}", file=sys.stderr, flush=True)
                 return
             text += f"; {advice}" if (advice := _ADVICE.get(record.name.partition(".")[0])) else ""
             if trace:  # indented, so that its lines can't be taken for lines of ours
                 within = redact.text(f"Traceback {trace}").splitlines()
-                text += "\n" + terminal.lines("\n".join(f"  {one}" for one in within))
+                text += "\n" + terminal.lines("\n".join(f"  {words}" for words in within))
             print(text, file=sys.stderr, flush=True)
         except Exception:  # noqa: BLE001  a log line must not end a crawl
             self.handleError(record)

@@ -6,11 +6,11 @@
 The traceback is shown with --debug only.
 """
 
-import difflib
 import errno
 import os
 import sys
 import traceback
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ import typer
 from kb.cli.framework.messages import ending, fail, show_summary
 from kb.core import terminal
 from kb.core.errors import Interrupted, KbError, Stopped
+from kb.core.suggestions import similar
 from kb.net import redact
 from kb.store.exhausted import HINT, as_disk_full, is_out_of_memory
 
@@ -142,23 +143,16 @@ def suggestions(words: Sequence[str], commands: Sequence[str]) -> list[str]:
     single one with a command's last word ("export", "exprot").
     """
     parts = sorted(part for word in words for part in word.split("-") if part)
-
-    def by_all_words(name: str) -> float:
-        return _similarity(" ".join(parts), " ".join(sorted(name.split())))
-
-    def by_last_word(name: str) -> float:
-        return max((_similarity(part, name.rsplit(maxsplit=1)[-1]) for part in parts), default=0)
-
-    for measure in (by_all_words, by_last_word) if len(parts) > 1 else (by_last_word, by_all_words):
-        scores = {name: measure(name) for name in commands}
-        best = max(scores.values())
-        if best >= _SIMILAR:
-            return [name for name in commands if scores[name] == best]
-    return []
-
-
-def _similarity(one: str, other: str) -> float:
-    return difflib.SequenceMatcher(None, one, other).ratio()
+    by_words, by_last_word = defaultdict[str, list[str]](list), defaultdict[str, list[str]](list)
+    for name in commands:
+        by_words[" ".join(sorted(name.split()))].append(name)
+        by_last_word[name.rsplit(maxsplit=1)[-1]].append(name)
+    near_all = [by_words[known] for known in similar(" ".join(parts), by_words, 1, _SIMILAR)]
+    near_last = [
+        by_last_word[known] for part in parts for known in similar(part, by_last_word, 1, _SIMILAR)
+    ]
+    near = near_all + near_last if len(parts) > 1 else near_last + near_all
+    return next(iter(near), [])
 
 
 def commands_with_option(error: Any) -> str:

@@ -147,9 +147,9 @@ class Options:
         if self.scheduler and self.engine != Engine.dask:
             raise SettingError("--scheduler needs --engine dask")
         if self.engine == Engine.dask:
-            from kb.core.dask_engine import check
+            from kb.core.dask_engine import check_scheduler
 
-            check(self.scheduler)
+            check_scheduler(self.scheduler)
         root = loaded.kb_data.expanduser().absolute()
         if root.exists() and not root.is_dir():
             raise SettingError(
@@ -245,7 +245,7 @@ def _profile(name: str | None, root: Path, needs: str, *, named: bool) -> Profil
         place = find_profile(name).resolve().parent
         is_released = (place / SUMS).exists()  # no release runs code
         profile = load_profile(name, named=named and not is_released)
-        domain_binding.check(root, profile)
+        domain_binding.require_domain(root, profile)
         return profile
     bound = domain_binding.remembered(root)
     try:
@@ -408,7 +408,7 @@ def in_demo_root(root: Path, settings: Settings, profile: Profile) -> tuple[Sett
     """
     from kb.store.state import demo_mark
 
-    if demo_mark.read(root) is None:
+    if demo_mark.read_mark(root) is None:
         return settings, profile
     from kb.sandbox import toxicity
     from kb.sandbox.domain import signed

@@ -151,8 +151,13 @@ class Finding(NamedTuple):
 def worst_first(findings: list[Finding]) -> list[Finding]:
     """Errors, then warnings, then notes; each as they stand, the profile first."""
 
-    def place(one: Finding) -> tuple[int, bool, str, int]:
-        return LEVELS.index(one.level), not one.file.endswith(".toml"), one.file, one.line
+    def place(finding: Finding) -> tuple[int, bool, str, int]:
+        return (
+            LEVELS.index(finding.level),
+            not finding.file.endswith(".toml"),
+            finding.file,
+            finding.line,
+        )
 
     return sorted(findings, key=place)
 
@@ -191,16 +196,20 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
     A list whose entries are wrong is not also too short.
     """
     every = error.errors(include_url=False)
-    entries = {one["loc"][:-1] for one in every if one["loc"] and isinstance(one["loc"][-1], int)}
+    entries = {
+        detail["loc"][:-1]
+        for detail in every
+        if detail["loc"] and isinstance(detail["loc"][-1], int)
+    }
     wrong: list[Problem] = []
-    for one in every:
-        if one["loc"] in entries:
+    for detail in every:
+        if detail["loc"] in entries:
             continue
-        key, kind, value = full_key(one["loc"] or ("profile",)), one["type"], one["input"]
-        field = field_of(model, one["loc"])
+        key, kind, value = full_key(detail["loc"] or ("profile",)), detail["type"], detail["input"]
+        field = field_of(model, detail["loc"])
         about = (field and field.description) or ""
         if kind == "extra_forbidden":
-            *parents, last = one["loc"]
+            *parents, last = detail["loc"]
             inside = field_of(model, parents)
             section = model_in(inside.annotation) if inside else model
             names = set(section.model_fields) - {"path"} if section else set()
@@ -213,7 +222,7 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
             key = key.partition("[")[0]
             wrong.append((key, f"'{key}' is still to be filled in", about))
         else:
-            fix = one["msg"].removeprefix("Value error, ")
+            fix = detail["msg"].removeprefix("Value error, ")
             if kind == "string_pattern_mismatch":
                 fix = f"must be: {about}"  # rather than a regular expression
             if isinstance(value, (dict, BaseModel)):  # a table is not shown whole

@@ -40,7 +40,7 @@ _LATIN = re.compile("[\x00-\xff]*")
 _ADDRESSES = ("_endpoint", "_web", "_url")  # a name and a password may stand in them
 REDDIT = ("reddit_client_id", "reddit_client_secret", "kb_contact")  # what asking Reddit needs
 # What the packages of sources add.
-_ADDED = {name: one for source in SOURCES.values() for name, one in source.settings.items()}
+_ADDED = {name: setting for source in SOURCES.values() for name, setting in source.settings.items()}
 # What names of settings begin with.
 _OURS = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_", *(f"{n.split('_')[0]}_".upper() for n in _ADDED))
 # Secrets, of which an empty one says something.
@@ -178,7 +178,7 @@ class Settings(BaseSettings):
     def secret_values(self) -> list[str]:
         """The literal secrets that must never leave, for redaction and the release gate."""
         values = (getattr(self, name) for name in type(self).model_fields)
-        texts = (one.get_secret_value() for one in values if isinstance(one, SecretStr))
+        texts = (value.get_secret_value() for value in values if isinstance(value, SecretStr))
         return [text for text in texts if text]
 
     def need(self, field: str) -> str:
@@ -236,8 +236,11 @@ def _declared() -> type[Settings]:
             hint="give it another name in the package's schemas/sources",
         )
     added: dict[str, Any] = {
-        name: ((SecretStr if one.secret else str) | None, Field(None, description=one.description))
-        for name, one in _ADDED.items()
+        name: (
+            (SecretStr if setting.secret else str) | None,
+            Field(None, description=setting.description),
+        )
+        for name, setting in _ADDED.items()
     }
     return create_model("Settings", __base__=Settings, **added)
 
@@ -267,12 +270,12 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
         settings = DECLARED(_env_file=".env" if dotenv else None, **given)
     except ValidationError as error:
         wrong = []
-        for one in error.errors(include_url=False):
-            name = str(one["loc"][0]) if one["loc"] else ""
+        for detail in error.errors(include_url=False):
+            name = str(detail["loc"][0]) if detail["loc"] else ""
             secret = name not in DECLARED.model_fields or name.endswith(_ADDRESSES)
             secret = secret or name in _MAY_BE_EMPTY
-            shown = "" if secret else f" is {terminal.shown(str(one['input']))}"
-            wrong.append(f"{name.upper()}{shown}: {one['msg'].removeprefix('Value error, ')}")
+            shown = "" if secret else f" is {terminal.shown(str(detail['input']))}"
+            wrong.append(f"{name.upper()}{shown}: {detail['msg'].removeprefix('Value error, ')}")
         raise SettingError("; ".join(wrong), hint="see .env.example") from None
     except (OSError, UnicodeDecodeError) as error:
         what = (

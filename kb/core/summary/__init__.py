@@ -28,7 +28,7 @@ class Tally:
             *(a + b for a, b in zip(asdict(self).values(), asdict(other).values(), strict=True))
         )
 
-    def check(self, what: str) -> Tally:
+    def balanced(self, what: str) -> Tally:
         """Itself, or CountMismatch when items were lost or doubled."""
         answered = self.kept + self.rejected + self.failed + self.pending
         if answered != self.crawled:
@@ -60,7 +60,9 @@ class Summary(dict[str, Any]):
             silent += ("crawled_in_all",)  # the first run is all
         phrases = [vocabulary.phrase(name, self[name], self) for name in self if name not in silent]
         if tally:
-            phrases.insert(0, "; ".join(vocabulary.tally(of, each) for of, each in tally.items()))
+            phrases.insert(
+                0, "; ".join(vocabulary.tally(of, counts) for of, counts in tally.items())
+            )
             tables = {name.rpartition("/")[2]: n for name, n in self.get("tables", {}).items()}
             if others := {noun: n for noun, n in tables.items() if noun not in tally}:
                 phrases.insert(1, f"with {vocabulary.nouns(others)}")

@@ -25,7 +25,7 @@ class PlanPhase(NamedTuple):
     hours: float = 0.0
     gb: float = 0.0
 
-    def of(self, whom: str) -> PlanPhase:
+    def asking(self, whom: str) -> PlanPhase:
         """The same phase, with whom it asks."""
         return self._replace(phase=f"{self.phase} of {whom}")
 
@@ -47,9 +47,10 @@ def plan(
     command: str, source: str, phases: Sequence[PlanPhase], assumed: Sequence[str] = (), **more: Any
 ) -> dict[str, Any]:
     """A plan's summary: sums over the phases, `more`, the phases, and what was assumed."""
-    sums = {name: round(sum(getattr(one, name) for one in phases), 3) for name in _COLUMNS[1:]}
+    sums = {name: round(sum(getattr(phase, name) for phase in phases), 3) for name in _COLUMNS[1:]}
     rows = [
-        {**one._asdict(), "hours": round(one.hours, 2), "gb": round(one.gb, 3)} for one in phases
+        {**phase._asdict(), "hours": round(phase.hours, 2), "gb": round(phase.gb, 3)}
+        for phase in phases
     ]
     assumptions = ", ".join(assumed) or None
     head = {"command": f"{command} --plan", "source": source}

@@ -402,7 +402,7 @@ def count(value: Any, words: str) -> str:
     if value == 1 and words.startswith("{n} ") and " and " not in words:
         parts = words.split(" ")
         plural = next((at for at, part in enumerate(parts[:3]) if part.endswith("s")), 0)
-        parts[plural] = one(parts[plural])  # "{n} quota units not spent": the noun is near
+        parts[plural] = singular(parts[plural])  # "{n} quota units not spent": the noun is near
         words = " ".join(parts)
     return words.replace("{n}", f"{value:,}" if isinstance(value, (int, float)) else str(value))
 
@@ -421,7 +421,7 @@ def nouns(numbers: Mapping[str, int]) -> str:
     return ", ".join(count(n, f"{{n}} {_NOUNS.get(name, name)}") for name, n in numbers.items())
 
 
-def one(plural: str) -> str:
+def singular(plural: str) -> str:
     """The singular of a noun of this table."""
     if plural.endswith("ies"):
         return f"{plural[:-3]}y"

@@ -81,13 +81,13 @@ class Limiter:
         Blocked for a long wait.
         """
         self._pace.wait()
-        self.check()
+        self.refuse_long_wait()
         left = self._until - clock.monotonic()
         if left > 0:
             self._say(f"waiting {math.ceil(left)} s for Reddit's window")
         clock.sleep(left)
 
-    def check(self) -> None:
+    def refuse_long_wait(self) -> None:
         """Raises Blocked where the window's end is too far to be waited for."""
         left = self._until - clock.monotonic()
         if left > PATIENCE_S:
@@ -177,7 +177,7 @@ class Client:
         except wrong.PrawcoreException as error:
             follows = consequence(error, path)
             if isinstance(follows, Retryable):
-                self._limiter.check()  # it knows when to come back
+                self._limiter.refuse_long_wait()  # it knows when to come back
             raise follows from None
         wrong_form = problem(path, answer)
         if wrong_form:

@@ -132,8 +132,8 @@ def _listing(frontier: Frontier, endpoint: str, params: dict[str, Any], response
         for thing in answer_tree.things(response)
         if thing.kind == answer_tree.POST and thing.data.get("id")
     ]
-    frontier.add("tree", posts)
-    frontier.add("listing", [key])
+    frontier.add_keys("tree", posts)
+    frontier.add_keys("listing", [key])
     before = (frontier.get("listing", key) or ("", None, None))[1] or ListingCursor()
     made = [post.created_utc for _, post in posts if post.created_utc is not None]
     known = [moment for moment in (before.newest, before.upto) if moment is not None]
@@ -165,7 +165,7 @@ def _seconds(value: Any) -> float | None:
 def _page(frontier: Frontier, params: dict[str, Any], status: int, response: Any) -> None:
     post, comment = str(params["article"]), params.get("comment")
     kind, key = ("thread", f"{post}/{comment}") if comment else ("tree", post)
-    frontier.add(kind, [key])
+    frontier.add_keys(kind, [key])
     if comment:
         _count_part(frontier, post)
     if status == 200:
@@ -178,11 +178,11 @@ def _page(frontier: Frontier, params: dict[str, Any], status: int, response: Any
 def _stubs(frontier: Frontier, post: str, response: Any) -> None:
     for thing in answer_tree.things(response):
         if thing.kind == "more":
-            frontier.add(
+            frontier.add_keys(
                 "more", [(key, StubItem(post)) for key in answer_tree.stub_ids(thing.data)]
             )
             if answer_tree.is_continuation(thing.data):
-                frontier.add("thread", [f"{post}/{answer_tree.bare(thing.data['parent_id'])}"])
+                frontier.add_keys("thread", [f"{post}/{answer_tree.bare(thing.data['parent_id'])}"])
 
 
 def outside(frontier: Frontier) -> int:
@@ -248,7 +248,7 @@ def seed(frontier: Frontier, section: Section, span: Span, *, new_round: bool) -
     `new_round` starts a new round where the last one is complete.
     """
     names = listings(section)
-    frontier.add("listing", names)
+    frontier.add_keys("listing", names)
     inside = [
         key
         for key, _, reason, post in frontier.items("tree", "skipped")

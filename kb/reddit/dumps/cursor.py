@@ -19,10 +19,10 @@ import msgspec
 
 from kb.core import signals
 from kb.store.atomic import sync_folder, write_bytes
+from kb.store.damage import read_note
 from kb.store.layout import Layout
 from kb.store.leftovers import PART
 from kb.store.rawlog import rawlog
-from kb.store.state import json_files
 
 KIND = "dumps"
 _LEASE = ".lease"
@@ -61,7 +61,7 @@ def load_cursor(root: Path, name: str, file: str = "") -> DumpCursor:
 
 def find_cursor(root: Path, name: str) -> DumpCursor | None:
     """The note of that name, None where there is none."""
-    return json_files.read(_folder(root) / f"{name}.json", DumpCursor, fix=_REPAIR)
+    return read_note(_folder(root) / f"{name}.json", DumpCursor, fix=_REPAIR)
 
 
 def cursors(root: Path) -> dict[str, DumpCursor]:
@@ -115,7 +115,7 @@ def begin_round(root: Path, names: Iterable[str]) -> None:
     that was interrupted goes on instead.
     """
     path, names = _folder(root) / f"{_ROUND}.json", sorted(names)
-    if json_files.read(path, list[Any], fix=_REPAIR) == names:
+    if read_note(path, list[Any], fix=_REPAIR) == names:
         return
     for name in names:
         (_folder(root) / f"{name}.json").unlink(missing_ok=True)

@@ -113,6 +113,6 @@ class KnownDumps:
 
             def advance(read: int) -> None:
                 task.advance(read)
-                signals.stop.check()
+                signals.stop.raise_if_asked()
 
             return digest(file, advance=advance)

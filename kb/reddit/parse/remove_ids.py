@@ -226,7 +226,7 @@ def _rewrite(
             if any(hit(batch).true_count for batch in file.iter_batches(columns=columns)):
                 with ShardWriter(path, "reddit/posts", in_order=True) as writer:
                     for batch in file.iter_batches():
-                        writer.write(pa.Table.from_batches([change(batch)]))
+                        writer.add_rows(pa.Table.from_batches([change(batch)]))
 
 
 def _bare(rows: pa.RecordBatch, hit: pa.BooleanArray) -> pa.RecordBatch:

@@ -88,8 +88,8 @@ class KnownIds(RedditConnector):
         if frontier.cursor("seeded"):
             return
         with frontier.transaction():
-            frontier.add("info", self.wanted.names)
-            frontier.add("tree", self.wanted.trees)
+            frontier.add_keys("info", self.wanted.names)
+            frontier.add_keys("tree", self.wanted.trees)
             frontier.set_cursor("seeded", True)
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
@@ -400,10 +400,10 @@ class ThreadRestore:
     @property
     def wanted(self) -> bool:
         """Whether a folder of Reddit was chosen."""
-        return bool(self.content.of("reddit"))
+        return bool(self.content.folders_of("reddit"))
 
-    def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
-        """As `RestoreJob.check`. Raises ProfileError without [reddit], MissingCredential."""
+    def check_settings(self, needed: tuple[str, ...]) -> tuple[str, ...]:
+        """As `RestoreJob` says. Raises ProfileError without [reddit], MissingCredential."""
         if self.wanted:
             self.run.profile.section(RedditSection)
             if not self.content.dumps and not self._is_answered():
@@ -420,7 +420,7 @@ class ThreadRestore:
         summary = plan_rebuild(self.run, self._folders(), self.content.dumps)
         phases = [PlanPhase(**phase) for phase in summary["phases"]]
         whom = "dumps, no key" if self.content.dumps else key
-        return PlanPart([phase.of(whom) for phase in phases], [str(summary["assumed"])])
+        return PlanPart([phase.asking(whom) for phase in phases], [str(summary["assumed"])])
 
     def restore(self) -> Summary:
         """As `RestoreJob.restore`. Raises as `rebuild`."""
@@ -446,4 +446,4 @@ class ThreadRestore:
         return done and not self.run.again
 
     def _folders(self) -> list[Path]:
-        return [folder.path for folder in self.content.of("reddit")]
+        return [folder.path for folder in self.content.folders_of("reddit")]

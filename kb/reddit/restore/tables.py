@@ -123,7 +123,7 @@ def _partition(work: Path, scratch: Path, buckets: int, links: Links) -> None:
         with Shuffle(scratch, kind, buckets) as shuffle:
             for rows in parse.rows(lines, kind, links):
                 unknown = pc.equal(pc.fill_null(rows["post_id"], ""), "")
-                shuffle.write(rows, pc.if_else(unknown, rows["fullname"], rows["post_id"]))
+                shuffle.add_rows(rows, pc.if_else(unknown, rows["fullname"], rows["post_id"]))
 
 
 def _answered(scratch: Path, number: int, answers: Answers) -> dict[str, MissingReason]:

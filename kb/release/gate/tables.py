@@ -106,7 +106,9 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
         try:
             values = [row.get(field.name) for row in rows]
             if pa.types.is_timestamp(field.type):  # as ISO 8601
-                values = [None if one is None else datetime.fromisoformat(one) for one in values]
+                values = [
+                    None if bound is None else datetime.fromisoformat(bound) for bound in values
+                ]
             arrays[field.name] = pa.array(values, field.type)
             if what := value_problem(declared.column(field.name), arrays[field.name]):
                 problems.append(GateProblem("undescribed", where, what))
@@ -208,7 +210,7 @@ def check_rows(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -
     if of.part_of or of.selected_from:  # of rows that other folders are checked for
         return []
     tables = released_tables(folder.source)
-    problems = [problem for one in tables for problem in _damaged_clean(run.root, one)]
+    problems = [problem for name in tables for problem in _damaged_clean(run.root, name)]
     if not problems:
         for part in readable:
             problems += _numbers(run.root, folder.source, part)

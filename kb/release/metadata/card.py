@@ -37,8 +37,10 @@ def picture(facts: Facts) -> list[tuple[str, int, str]]:
     of = PUBLISHED[facts.source]
     if isinstance(of, SourceDeclaration) and of.stages:
         return _bars(_funnel(facts, of))
-    main = [column for one in facts.tables if one.table.short == of.main for column in one.columns]
-    return _bars([one for fact in main if fact.column.name == of.pictured for one in fact.top])
+    main = [
+        column for part in facts.tables if part.table.short == of.main for column in part.columns
+    ]
+    return _bars([value for fact in main if fact.column.name == of.pictured for value in fact.top])
 
 
 def _funnel(facts: Facts, source: SourceDeclaration) -> list[tuple[str, int]]:
@@ -46,9 +48,9 @@ def _funnel(facts: Facts, source: SourceDeclaration) -> list[tuple[str, int]]:
     dropped: dict[str, int] = {}
     for stage, _, n in facts.rejected:
         dropped[stage] = dropped.get(stage, 0) + n
-    left = sum(one.rows for one in facts.tables if one.table.short in source.tables)
+    left = sum(part.rows for part in facts.tables if part.table.short in source.tables)
     left += sum(dropped.values()) + facts.failed + facts.pending
-    stages = [(f"after {one}", dropped[one]) for one in source.stages if one in dropped]
+    stages = [(f"after {stage}", dropped[stage]) for stage in source.stages if stage in dropped]
     ends = (("failed", facts.failed), ("pending", facts.pending))
     stages += [(f"without {n:,} {end}", n) for end, n in ends if n]
     (_, read, _), *steps = remaining(left, stages)
@@ -90,7 +92,9 @@ def card(run: Run, facts: Facts, changed: Changes) -> str:
             "query": PUBLISHED[facts.source].query,
             "restored": PUBLISHED[facts.source].restored,
             "restored_query": PUBLISHED[facts.source].restored_query,
-            "archive": next((one.name for one in facts.others if one.name.endswith(".tar")), None),
+            "archive": next(
+                (file.name for file in facts.others if file.name.endswith(".tar")), None
+            ),
             "picture": picture(facts),
         },
         changed=changed,

@@ -92,7 +92,7 @@ def croissant(run: Run, facts: Facts) -> str:
         "license": licence(facts.licence).url,
         "version": section.version,
         "citeAs": bibtex(run, facts),
-        "creator": [_creator(one) for one in section.creators],
+        "creator": [_creator(creator) for creator in section.creators],
         "keywords": list(dict.fromkeys((run.profile.name, *prose.words, *section.keywords))),
         **({"datePublished": day(facts.built)} if facts.built else {}),
         "inLanguage": language(run),
@@ -244,9 +244,9 @@ def _referenced(table: TableFacts, facts: Facts) -> dict[str, str]:
     }
 
 
-def _names(one: Table, other: Table) -> bool:
+def _names(declared: Table, other: Table) -> bool:
     """Whether a released column of a table is the key of another one."""
-    return len(other.key) == 1 and other.key[0] in one.names(released=True)
+    return len(other.key) == 1 and other.key[0] in declared.names(released=True)
 
 
 _SPLITS = {
@@ -348,8 +348,8 @@ def _origins(run: Run, source: str) -> list[dict[str, Any]]:
     """The service that a source reads, or the data sets that others are made of."""
     if source not in SOURCES:
         return [
-            {"@type": "prov:Entity", "prov:label": dataset_name(run.profile, one)}
-            for one in made_of(source)
+            {"@type": "prov:Entity", "prov:label": dataset_name(run.profile, name)}
+            for name in made_of(source)
         ]
     of = SOURCES[source]
     entity = {"@type": "prov:Entity", "prov:label": of.title}

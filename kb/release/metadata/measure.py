@@ -175,7 +175,7 @@ def measure(run: Run, folder: ReleaseFolder, published: MeasuredPublication) -> 
     shards = [shard for part in folder.parts for shard in part.shards]
     verdicts = [manifest.rows(run.root, f"{folder.source}/{verdict}") for verdict in VERDICTS]
     asked = [*shards, *chain.from_iterable(verdicts)]
-    parquet.check(*asked)
+    parquet.verify_files(*asked)
     with database.over(asked, run.root) as con:
         return _facts(con, run, folder, published)
 
@@ -209,10 +209,10 @@ def _facts(
         failed=_count(Layout(run.root).clean(folder.source, "failed")),
         pending=_count(Layout(run.root).clean(folder.source, "pending")),
         models=models(run.root, folder.source),
-        tombstones=sum(len(tombstones.keys(run.root, one)) for one in sources),
-        ways=tuple(way for one in sources for way in _ways(con, run.root, one)),
+        tombstones=sum(len(tombstones.keys(run.root, name)) for name in sources),
+        ways=tuple(way for name in sources for way in _ways(con, run.root, name)),
         unscored=not run.profile.toxicity.on
-        or any("toxicity" in filtered(run.root, one) for one in sources),
+        or any("toxicity" in filtered(run.root, name) for name in sources),
         personal=personal_counts(folder),
         gaps=tuple(published.gaps(con, run.root, folder)),
         quality=published.quality(con, run.root, folder),
@@ -258,7 +258,7 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     model's scores.
     """
     # Pairs, links and wiki images carry no scores of their own: what they name was scored.
-    scored_by = [one for of in made_of(source) for one in _models(root, of)]
+    scored_by = [model for of in made_of(source) for model in _models(root, of)]
     return tuple(sorted(set(scored_by)))
 
 
@@ -267,7 +267,7 @@ def _models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     filter_note = filtered(root, source)
     if not files or "toxicity" in filter_note:  # "not scored"
         return ()
-    parquet.check(*files)
+    parquet.verify_files(*files)
     with database.asking() as con:
         if "model" not in filter_note:
             return tuple(
@@ -296,8 +296,8 @@ def _ways(con: DuckDBPyConnection, root: Path, source: str) -> Iterator[Way]:
             if answers == recorded.absent or not at.raw(source).is_dir():
                 continue
         counts, known, undated = [], [], 0
-        own = (one for one in tables().values() if one.source == source)
-        for declared in sorted(own, key=lambda one: (one.short != of.main, one.name)):
+        own = (declared for declared in tables().values() if declared.source == source)
+        for declared in sorted(own, key=lambda table: (table.short != of.main, table.name)):
             files = at.rows(declared.name)
             if not files or not recorded.column or recorded.column not in declared.names():
                 continue

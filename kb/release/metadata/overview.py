@@ -54,10 +54,14 @@ def _about(folder: ReleaseFolder) -> dict[str, Any]:
 
 def _ids(folders: Sequence[ReleaseFolder]) -> list[tuple[str, list[str]]]:
     """The keys of the sources' tables and the released tables that have them."""
-    names = [table(f"{one}/{short}").key[0] for one in SOURCES for short in SOURCES[one].tables]
+    names = [
+        table(f"{source}/{short}").key[0] for source in SOURCES for short in SOURCES[source].tables
+    ]
     declared = [part.table for folder in folders for part in folder.parts]
     having = {
-        name: [view_name(one) for one in declared if name in one.names(released=True)]
+        name: [
+            view_name(released) for released in declared if name in released.names(released=True)
+        ]
         for name in (*names, "pair_id")
     }
     return [(name, tables) for name, tables in having.items() if len(tables) > 1]
@@ -65,7 +69,7 @@ def _ids(folders: Sequence[ReleaseFolder]) -> list[tuple[str, list[str]]]:
 
 def _joins(folders: Sequence[ReleaseFolder]) -> list[str]:
     """Of each card's queries the first that joins several folders and needs only these."""
-    owners = {view_name(part.table): one.source for one in folders for part in one.parts}
+    owners = {view_name(part.table): folder.source for folder in folders for part in folder.parts}
     chosen = []
     for folder in folders:
         for query in sentences_on(folder.source).get("joins", ()):

@@ -75,7 +75,7 @@ def _texts(
             f" them; on average {recurring['mean_share']:.1%} of the words do (`recurring_share`)."
         )
     (main, most), *others = languages.items()
-    named = ", ".join(f"{code} {one['hits']:,}" for code, one in others[:_SHOWN])
+    named = ", ".join(f"{code} {counts['hits']:,}" for code, counts in others[:_SHOWN])
     rest = f"; others: {named}" if named else ""
     yield f"Languages: {_pairs(most)} have texts in `{main}` (`language`){rest}."
     if verbs["n"]:
@@ -139,7 +139,7 @@ def _scored(section: dict[str, Any] | None) -> Iterator[str]:
             " similarity means."
         )
         return
-    bins = [one for one in seen["bins"] if one["n"]]
+    bins = [part for part in seen["bins"] if part["n"]]
     sentence += (
         f" Of {seen['judged']:,} judged ones, {interval_text(bins[0])} show what is named where the"
         f" similarity is {bins[0]['to']:.3f} or less, and {interval_text(bins[-1])} where it is"
@@ -154,7 +154,7 @@ def _scored(section: dict[str, Any] | None) -> Iterator[str]:
 def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> tuple[str, ...]:
     """What people said of tasks, and what became of it; of a root without pairs only the latter."""
     sentences = tuple(judgements(read_measures(Layout(root).pairs), "task"))
-    made = manifest.read(root, "tasks")
+    made = manifest.read_manifest(root, "tasks")
     figures = made.figures if made is not None else {}
     if figures.get("tasks") and "from_playlists" in figures:
         listed, every = figures["from_playlists"], figures["tasks"]
@@ -187,10 +187,11 @@ def judgements(measures: Mapping[str, Any], kind: str) -> Iterator[str]:
         f"Judged by people: {who} judged {items:,} {kind}{'s' if items > 1 else ''} of a stratified"
         f" sample; the shares are those of all {kind}s."
     )
-    for one in section["questions"].values():
-        if one.get("n"):
-            good = one["good"][0].upper() + one["good"][1:]
-            yield f"{one['question']} {good} for {share_text(one)}{_kappa(one['agreement'])}."
+    for question in section["questions"].values():
+        if question.get("n"):
+            good = question["good"][0].upper() + question["good"][1:]
+            judged = f"{share_text(question)}{_kappa(question['agreement'])}"
+            yield f"{question['question']} {good} for {judged}."
 
 
 def _kappa(agreement: dict[str, Any] | None) -> str:
@@ -213,7 +214,7 @@ _SPLITS = ("train", "validation", "test")
 
 def draw_quality(root: Path, folder: ReleaseFolder) -> tuple[str, ...]:
     """How a released draw was drawn. Raises DamagedData."""
-    made = manifest.read(root, f"release/{folder.name}")
+    made = manifest.read_manifest(root, f"release/{folder.name}")
     if made is None or not made.figures:
         return ()
     asked = made.figures

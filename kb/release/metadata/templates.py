@@ -193,22 +193,22 @@ def about(profile: Profile, facts: Facts, show: Callable[[str], str] = line) -> 
         "topic": show(profile.title),
         "scored": not facts.unscored,
         "profile": profile,
-        "ways": {one.name for one in facts.ways},
+        "ways": {way.name for way in facts.ways},
     }
     neutral = msgspec.convert(_rendered(sentences_on(facts.source), values), About)
     ways = [
         msgspec.convert(
-            _rendered(sentences_on(one.source)["ways"][one.name], values | _rows_of(one)), AboutWay
+            _rendered(sentences_on(way.source)["ways"][way.name], values | _rows_of(way)), AboutWay
         )
-        for one in facts.ways
+        for way in facts.ways
     ]
     own = profile.release
     return msgspec.structs.replace(
         neutral,
-        collection=line(" ".join([neutral.collection, *(one.collection for one in ways)])),
-        origins=tuple(line(one.label) for one in ways if one.label),
-        kinds=tuple(dict.fromkeys([*(one.kind for one in ways), *neutral.kinds])),
-        upkeep=line(" ".join([neutral.upkeep, *(one.upkeep for one in ways)])),
+        collection=line(" ".join([neutral.collection, *(way.collection for way in ways)])),
+        origins=tuple(line(way.label) for way in ways if way.label),
+        kinds=tuple(dict.fromkeys([*(way.kind for way in ways), *neutral.kinds])),
+        upkeep=line(" ".join([neutral.upkeep, *(way.upkeep for way in ways)])),
         biases=(*neutral.biases, *_of(ways, "biases"), *map(show, own.biases)),
         limits=(*neutral.limits, *_of(ways, "limits"), *map(show, own.limits)),
         uses=(*neutral.uses, *map(show, own.uses)),
@@ -217,7 +217,7 @@ def about(profile: Profile, facts: Facts, show: Callable[[str], str] = line) -> 
 
 
 def _of(ways: Iterable[AboutWay], name: str) -> list[str]:
-    return list(dict.fromkeys(sentence for one in ways for sentence in getattr(one, name)))
+    return list(dict.fromkeys(sentence for way in ways for sentence in getattr(way, name)))
 
 
 def _rows_of(way: Way) -> dict[str, Any]:
@@ -251,7 +251,7 @@ def _rendered(sentences: Mapping[str, Any], values: Mapping[str, Any]) -> dict[s
     return {
         name: fill(text)
         if isinstance(text, str)
-        else [filled for one in text if (filled := fill(one))]
+        else [filled for entry in text if (filled := fill(entry))]
         for name, text in sentences.items()
         if name != "ways"
     }

@@ -93,8 +93,8 @@ def deposit(run: Run, facts: Facts) -> str:
         title=prose.title,
         description=_description(run, facts),
         creators=tuple(
-            DepositCreator(name=one.name, affiliation=one.affiliation, orcid=one.orcid)
-            for one in section.creators
+            DepositCreator(name=creator.name, affiliation=creator.affiliation, orcid=creator.orcid)
+            for creator in section.creators
         ),
         publication_date=day(facts.built) if facts.built else None,
         license=licence(facts.licence).zenodo,
@@ -102,7 +102,8 @@ def deposit(run: Run, facts: Facts) -> str:
         language=three_letters(language(run)),
         keywords=tuple(dict.fromkeys((run.profile.title, *prose.words, *section.keywords))),
         notes=" ".join(notes(facts)) or None,
-        communities=tuple(Community(identifier=one) for one in section.communities) or None,
+        communities=tuple(Community(identifier=community) for community in section.communities)
+        or None,
         related_identifiers=_related(section, facts.source),
     )
     return (

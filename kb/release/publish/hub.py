@@ -122,9 +122,9 @@ class Hub:
                 repo, repo_type=KIND, revision=info.sha, recursive=True
             )
             files = {
-                one.path: one.lfs.sha256 if one.lfs else one.blob_id
-                for one in there
-                if isinstance(one, RepoFile)
+                file.path: file.lfs.sha256 if file.lfs else file.blob_id
+                for file in there
+                if isinstance(file, RepoFile)
             }
             return Revision(str(info.sha), bool(info.private), files)
 
@@ -164,8 +164,8 @@ class Hub:
             for start in range(0, len(added), PACK):
                 pack = added[start : start + PACK]
                 self._api.preupload_lfs_files(repo, pack, repo_type=KIND, num_threads=THREADS)
-                sent(sum(one.upload_info.size for one in pack))
-                signals.stop.check()
+                sent(sum(operation.upload_info.size for operation in pack))
+                signals.stop.raise_if_asked()
             operations: list[Any] = [*added, *map(CommitOperationDelete, removed)]
             done = self._api.create_commit(
                 repo,
@@ -180,7 +180,7 @@ class Hub:
         """Tag → the revision that it names."""
         with self._errors(repo):
             refs = self._api.list_repo_refs(repo, repo_type=KIND)
-            return {one.name: str(one.target_commit) for one in refs.tags}
+            return {tag.name: str(tag.target_commit) for tag in refs.tags}
 
     def tag(self, repo: str, name: str, revision: str) -> None:
         """A new tag."""
@@ -196,7 +196,7 @@ class Hub:
         """How many revisions with data are older than the newest."""
         with self._errors(repo):
             commits = self._api.list_repo_commits(repo, repo_type=KIND)
-            return sum(one.title.lower() != _FIRST for one in commits[1:])
+            return sum(commit.title.lower() != _FIRST for commit in commits[1:])
 
     def squash(self, repo: str, title: str) -> str:
         """Make the newest files the only revision of the branch; its id. Can't be undone."""
@@ -210,12 +210,14 @@ class Hub:
         """
         with self._errors(repo):
             there = list(self._api.list_lfs_files(repo, repo_type=KIND))
-            if not set(kept) <= {name for one in there for name in (one.oid, one.file_oid)}:
+            if not set(kept) <= {
+                name for stored in there for name in (stored.oid, stored.file_oid)
+            }:
                 raise FatalError(
                     f"the hub's list of stored files misses some of {repo}; none was deleted",
                     hint="delete older files under Settings, Storage of the repository",
                 )
-            lost = [one for one in there if not {one.oid, one.file_oid} & set(kept)]
+            lost = [stored for stored in there if not {stored.oid, stored.file_oid} & set(kept)]
             if lost:  # no revision names them any more
                 self._api.permanently_delete_lfs_files(
                     repo, lost, rewrite_history=False, repo_type=KIND
@@ -242,23 +244,23 @@ class Hub:
         if problem := untrusted(error, self.root):
             return problem
         chain = _chain(error)
-        for one in chain:
-            if isinstance(one, KbError):
-                return one  # of our own file, in a thread of theirs
-            if isinstance(one, OfflineModeIsEnabled):
+        for cause in chain:
+            if isinstance(cause, KbError):
+                return cause  # of our own file, in a thread of theirs
+            if isinstance(cause, OfflineModeIsEnabled):
                 return SettingError(
                     "HF_HUB_OFFLINE is set, so nothing can be uploaded", hint="unset it"
                 )
-            if isinstance(one, HfHubHTTPError) and one.response is not None:
-                return self._refused(one, repo)
-            if isinstance(one, httpx2.TransportError):
+            if isinstance(cause, HfHubHTTPError) and cause.response is not None:
+                return self._refused(cause, repo)
+            if isinstance(cause, httpx2.TransportError):
                 return Unreachable(
-                    f"no connection to the hub at {self.root}: {self._line(one)}",
+                    f"no connection to the hub at {self.root}: {self._line(cause)}",
                     hint=f"check the network; {_GO_ON}",
                 )
-            if isinstance(one, OSError) and one.filename:
+            if isinstance(cause, OSError) and cause.filename:
                 return FatalError(
-                    f"{one.filename} can't be read: {one.strerror}", hint="run `kb verify`"
+                    f"{cause.filename} can't be read: {cause.strerror}", hint="run `kb verify`"
                 )
         return FatalError(
             f"the hub at {self.root} returns no usable answer:"
@@ -315,10 +317,10 @@ class Hub:
 def _chain(error: BaseException) -> list[BaseException]:
     """An error and its causes."""
     chain: list[BaseException] = []
-    one: BaseException | None = error
-    while one is not None and one not in chain:
-        chain.append(one)
-        one = one.__cause__ or one.__context__
+    cause: BaseException | None = error
+    while cause is not None and cause not in chain:
+        chain.append(cause)
+        cause = cause.__cause__ or cause.__context__
     return chain
 
 

@@ -85,13 +85,13 @@ def _deposit(
     service = Zenodo(session, endpoint, token, wait=run.wait)
     for folder in exports:
         try:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             deposits[folder.source] = Upload(run, service, folder).go(publish=publish)
         except KbError as error:
             public = [
-                f"{source} ({one['doi'] or one['id']})"
-                for source, one in deposits.items()
-                if one["state"] == "published"
+                f"{source} ({deposit['doi'] or deposit['id']})"
+                for source, deposit in deposits.items()
+                if deposit["state"] == "published"
             ]
             before = f"; published before that: {', '.join(public)}" if public else ""
             error.args = (f"{folder.source}: {error}{before}",)
@@ -120,17 +120,17 @@ def _check(run: Run, exports: list[ReleaseFolder], to: str, *, loopback: bool) -
 
 
 def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:
-    states = [one["state"] for one in deposits.values()]
+    states = [deposit["state"] for deposit in deposits.values()]
     return Summary(
         command="release publish",
         deposits=len(deposits),
         drafts=states.count("draft"),
         published=states.count("published"),
         unchanged=states.count("unchanged"),
-        uploaded=sum(one["uploaded"] for one in deposits.values()),
+        uploaded=sum(deposit["uploaded"] for deposit in deposits.values()),
         sources={
-            source: {name: what for name, what in one.items() if name != "uploaded"}
-            for source, one in deposits.items()
+            source: {name: what for name, what in deposit.items() if name != "uploaded"}
+            for source, deposit in deposits.items()
         },
     )
 

@@ -11,7 +11,7 @@ there, with the folders' names before those of the files.
 
 import hashlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,42 +57,25 @@ def send(
     records = Records(run.root)
     repo = named or _known_name(records, endpoint) or f"{account}/{run.profile.name}"
     check_name(repo)
-    known = records.get(record_key(endpoint, repo))
+    key = record_key(endpoint, repo)
+    known = records.get(key)
     newest = _opened(service, repo, private=private, known=bool(known))
-    wanted = {
-        f"{folder.path.name}/{path.name}": path
-        for folder in exports
-        for path in local_files(folder)
-    }
     mine = _names(exports) if only else {*PUBLISHED, *_names(exports)}
-    others = sorted(one for one in {*PUBLISHED} - mine if f"{one}/{SUMS}" in newest.files)
+    others = sorted(name for name in {*PUBLISHED} - mine if f"{name}/{SUMS}" in newest.files)
+    digests = _digests(exports)
+    files, removed = _changes(newest, exports, mine, digests)
     tag = f"v{_version(exports)}"
     cards = {folder.path.name: (folder.path / CARD).read_text("utf-8") for folder in exports}
-    cards |= {one: service.text(repo, newest.id, f"{one}/{CARD}") for one in others}
+    cards |= {name: service.text(repo, newest.id, f"{name}/{CARD}") for name in others}
     card = _card(run, repo, tag, cards)
-    digests = _digests(exports)
-    changed = [path for path in wanted if not _same(newest.files.get(path), wanted[path], digests)]
-    removed = [
-        path
-        for path in newest.files
-        if "/" in path and path.partition("/")[0] in mine and path not in wanted
-    ]
-    files: dict[str, Path | bytes] = {path: wanted[path] for path in changed}
     if newest.files.get(CARD) != _git_oid(card):
         files[CARD] = card
     head = newest.id
     if files or removed:
-        signals.stop.check()
-        size = sum(
-            len(one) if isinstance(one, bytes) else one.stat().st_size for one in files.values()
-        )
-        with run.progress.task(f"upload {repo}", size, "bytes") as task:
-            head = service.commit(
-                repo, newest.id, files, removed, f"Version {tag[1:]}", task.advance
-            )
+        head = _committed(run, service, repo, newest, files, removed, tag)
     older, tags = service.older(repo), service.tags(repo)
     if squash:
-        signals.stop.check()
+        signals.stop.raise_if_asked()
         head, tags = _squashed(service, repo, tag, head, tags, older=older)
         older = 0
     if tags.get(tag) != head:
@@ -101,10 +84,7 @@ def send(
         service.tag(repo, tag, head)
     left: dict[str, str] = known.get("files", {})
     kept = {path: what for path, what in left.items() if path.partition("/")[0] in others}
-    records.write(
-        record_key(endpoint, repo),
-        {"repository": repo, "files": digests | kept, "revision": head, "tag": tag},
-    )
+    records.write(key, {"repository": repo, "files": digests | kept, "revision": head, "tag": tag})
     more = {"older_revisions": older, "older_tags": ", ".join(sorted({*tags} - {tag}))}
     return Summary(_summary(service.root, repo, tag, head, exports, files, removed) | more)
 
@@ -159,7 +139,7 @@ def _opened(service: Hub, repo: str, *, private: bool, known: bool) -> Revision:
                 hint="check that HF_TOKEN may read it, then run the same command again",
             )
         return newest
-    is_release = any(f"{one}/{SUMS}" in newest.files for one in PUBLISHED)
+    is_release = any(f"{name}/{SUMS}" in newest.files for name in PUBLISHED)
     foreign = sorted(set(newest.files) - _BARE)
     if foreign and not (known or is_release):
         shown = ", ".join(foreign[:3]) + (" …" if len(foreign) > 3 else "")
@@ -175,30 +155,78 @@ def _opened(service: Hub, repo: str, *, private: bool, known: bool) -> Revision:
     return newest
 
 
+def _changes(
+    newest: Revision,
+    exports: Sequence[ReleaseFolder],
+    mine: Collection[str],
+    digests: Mapping[str, str],
+) -> tuple[dict[str, Path | bytes], list[str]]:
+    """The files that the hub has not yet as they are here, and those in folders of `mine` that are
+    not here any more.
+    """
+    wanted = {
+        f"{folder.path.name}/{path.name}": path
+        for folder in exports
+        for path in local_files(folder)
+    }
+    files: dict[str, Path | bytes] = {
+        name: path
+        for name, path in wanted.items()
+        if not _same(newest.files.get(name), path, digests)
+    }
+    removed = [
+        name
+        for name in newest.files
+        if "/" in name and name.partition("/")[0] in mine and name not in wanted
+    ]
+    return files, removed
+
+
+def _committed(
+    run: Run,
+    service: Hub,
+    repo: str,
+    newest: Revision,
+    files: Mapping[str, Path | bytes],
+    removed: Sequence[str],
+    tag: str,
+) -> str:
+    """Send a revision, with a bar of its bytes; its id."""
+    signals.stop.raise_if_asked()
+    size = sum(
+        len(content) if isinstance(content, bytes) else content.stat().st_size
+        for content in files.values()
+    )
+    with run.progress.task(f"upload {repo}", size, "bytes") as task:
+        return service.commit(repo, newest.id, files, removed, f"Version {tag[1:]}", task.advance)
+
+
 def _squashed(
     service: Hub, repo: str, tag: str, head: str, tags: Mapping[str, str], *, older: int
 ) -> tuple[str, dict[str, str]]:
     """Leave the newest revision alone, without the versions' tags, which would keep older ones,
     and without the large files of those; its id and the tags that are left.
     """
-    stale = [one for one, at in tags.items() if _VERSION.fullmatch(one) and (older or at != head)]
-    for one in stale:
-        service.untag(repo, one)
+    stale = [
+        name for name, at in tags.items() if _VERSION.fullmatch(name) and (older or at != head)
+    ]
+    for name in stale:
+        service.untag(repo, name)
     if older:
         head = service.squash(repo, f"Version {tag[1:]}")
     newest = service.newest(repo)
     files = newest.files.values() if newest else ()
-    service.drop_objects(repo, {one for one in files if len(one) == _SHA256})
-    return head, {one: at for one, at in tags.items() if one not in stale}
+    service.drop_objects(repo, {digest for digest in files if len(digest) == _SHA256})
+    return head, {name: at for name, at in tags.items() if name not in stale}
 
 
 def _known_name(records: Records, endpoint: str) -> str | None:
     """The repository that this data root was uploaded to. Raises SettingError for several."""
     start = record_key(endpoint, "")
     names = [
-        str(one["repository"])
-        for key, one in records.all().items()
-        if "repository" in one and key.startswith(start)
+        str(record["repository"])
+        for key, record in records.all().items()
+        if "repository" in record and key.startswith(start)
     ]
     if len(names) > 1:
         raise SettingError(
@@ -213,9 +241,9 @@ def _card(run: Run, repo: str, tag: str, cards: Mapping[str, str]) -> bytes:
     from huggingface_hub import DatasetCard
 
     order, ordered = [*PUBLISHED, *cards], {}
-    for one in sorted(cards, key=order.index):
-        data: Any = DatasetCard(cards[one], ignore_metadata_errors=True).data
-        ordered[one] = dict(data.to_dict())
+    for folder in sorted(cards, key=order.index):
+        data: Any = DatasetCard(cards[folder], ignore_metadata_errors=True).data
+        ordered[folder] = dict(data.to_dict())
     title = f"{run.profile.title}: knowledge base"
     about = f"A knowledge base about {run.profile.title}, in {len(cards)} folders."
     if len(cards) == 1:
@@ -226,7 +254,7 @@ def _card(run: Run, repo: str, tag: str, cards: Mapping[str, str]) -> bytes:
 def _version(exports: Sequence[ReleaseFolder]) -> str:
     """The highest version of the folders."""
     versions = [str(document_of(folder)["metadata"]["version"]) for folder in exports]
-    return max(versions, key=lambda one: [int(part) for part in one.split(".")])
+    return max(versions, key=lambda version: [int(part) for part in version.split(".")])
 
 
 def _digests(exports: Sequence[ReleaseFolder]) -> dict[str, str]:
@@ -305,10 +333,12 @@ def joined(title: str, cards: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]
     if configs:
         configs[0]["default"] = True
     lists = {
-        name: list(dict.fromkeys(one for card in cards.values() for one in _list(card.get(name))))
+        name: list(
+            dict.fromkeys(value for card in cards.values() for value in _list(card.get(name)))
+        )
         for name in ("license", "language", "size_categories", "task_categories", "tags")
     }
-    sizes = [one for one in SIZES if one in lists["size_categories"]]
+    sizes = [size for size in SIZES if size in lists["size_categories"]]
     lists["size_categories"] = sizes[-1:] or lists["size_categories"]
     metadata = {
         "license": lists.pop("license"),
@@ -369,10 +399,10 @@ remove them from your copies, too.
 def _in_folder(folder: str, config: Mapping[str, Any]) -> dict[str, Any]:
     """A config whose files lie in a folder."""
     files = [
-        {**one, "path": [f"{folder}/{path}" for path in _list(one["path"])]}
-        if isinstance(one.get("path"), list)
-        else {**one, "path": f"{folder}/{one['path']}"}
-        for one in config.get("data_files", [])
+        {**files_of, "path": [f"{folder}/{path}" for path in _list(files_of["path"])]}
+        if isinstance(files_of.get("path"), list)
+        else {**files_of, "path": f"{folder}/{files_of['path']}"}
+        for files_of in config.get("data_files", [])
     ]
     return {**config, "data_files": files}
 
@@ -383,7 +413,9 @@ def _infos(infos: Any, configs: Iterable[Mapping[str, Any]]) -> list[dict[str, A
     """
     names = [str(config["config_name"]) for config in configs]
     listed = [infos] if isinstance(infos, Mapping) else infos or []
-    return [{"config_name": names[0], **one} if len(names) == 1 else dict(one) for one in listed]
+    return [
+        {"config_name": names[0], **entry} if len(names) == 1 else dict(entry) for entry in listed
+    ]
 
 
 def _list(value: Any) -> list[Any]:

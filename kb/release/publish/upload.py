@@ -72,7 +72,7 @@ class Upload:
             if not publish:
                 record = {"id": draft["id"], "doi": doi(described), "page": page(described)}
                 return _shown("draft", record, uploaded)
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             public = self.service.publish(draft["id"])
             return self._published("published", public | {"id": draft["id"]}, uploaded)
         except Forbidden as error:
@@ -123,8 +123,8 @@ class Upload:
         else:
             # A run that never got the answer left an empty draft with our title.
             drafts = self.service.drafts() if known.pop("creating", False) else ()
-            lost = (one for one in drafts if one.get("title") == self.metadata["title"])
-            draft = next((one for one in lost if not one.get("files")), None)
+            lost = (draft for draft in drafts if draft.get("title") == self.metadata["title"])
+            draft = next((record for record in lost if not record.get("files")), None)
             if draft is None:
                 self.records.write(self.key, {"creating": True})
                 draft = self.service.create(self.metadata)
@@ -134,7 +134,7 @@ class Upload:
 
     def _same(self, record: dict[str, Any]) -> bool:
         """Whether a record holds exactly the folder's files."""
-        there = {name: _md5_of(one) for name, one in self.service.files(record["id"]).items()}
+        there = {name: _md5_of(file) for name, file in self.service.files(record["id"]).items()}
         local = local_files(self.folder)
         return set(there) == {path.name for path in local} and all(
             there[path.name] == md5(path) for path in local
@@ -150,7 +150,7 @@ class Upload:
         sent, size = 0, sum(path.stat().st_size for path in local)
         with self.run.progress.task(f"upload {self.folder.source}", size, "bytes") as task:
             for path in local:
-                signals.stop.check()
+                signals.stop.raise_if_asked()
                 checksum = md5(path)
                 if path.name in there and _md5_of(there[path.name]) == checksum:
                     task.advance(path.stat().st_size)
@@ -199,7 +199,7 @@ class Records:
         except ValueError:
             state = None
         if not isinstance(state, dict) or not all(
-            isinstance(one, dict) and _is_entry(one) for one in state.values()
+            isinstance(entry, dict) and _is_entry(entry) for entry in state.values()
         ):
             raise DamagedData(
                 f"{self.path} is damaged",

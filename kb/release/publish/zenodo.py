@@ -63,7 +63,7 @@ class Zenodo:
     def files(self, number: int) -> dict[str, dict[str, Any]]:
         """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
         files = self._json("GET", f"{self._base}/{number}/files", shape=list[UploadedFile])
-        return {one["filename"]: one for one in files}
+        return {file["filename"]: file for file in files}
 
     def remove(self, number: int, file: str) -> None:
         """Remove an uploaded file of a draft; one that is gone already is what was wanted."""
@@ -267,7 +267,7 @@ class _Watched:
 
     def read(self, size: int = -1) -> bytes:
         """The next bytes. Raises Interrupted."""
-        signals.stop.check()
+        signals.stop.raise_if_asked()
         return self._file.read(size)
 
 
@@ -368,7 +368,8 @@ def message(content: bytes, reason: str) -> str:
     try:
         text = msgspec.convert(json.loads(content), Refusal)
         fields = [
-            f"{one.field}: {one.message or ' '.join(map(str, one.messages))}" for one in text.errors
+            f"{error.field}: {error.message or ' '.join(map(str, error.messages))}"
+            for error in text.errors
         ]
     except (ValueError, RecursionError):
         return (reason or "no message")[:_SHOWN]

@@ -108,7 +108,9 @@ class RecordedWiki:
             names["redirects"] = [{"pageid": 27, "ns": self.namespace, "title": self.redirect}]
         if "categories" in asked and not page.get("redirect"):
             kind = KINDS[page["pageid"] % len(KINDS)]
-            names["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in ("All", kind)]
+            names["categories"] = [
+                {"ns": 14, "title": f"Category:{category}"} for category in ("All", kind)
+            ]
         return names
 
 
@@ -284,7 +286,9 @@ class GeneratedWiki(RecordedWiki):
             ]
         if "categories" in asked:
             kinds = ("All", entry.kind)
-            names["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in kinds if one]
+            names["categories"] = [
+                {"ns": 14, "title": f"Category:{category}"} for category in kinds if category
+            ]
         return names
 
     def recipe(self, title: str) -> GeneratedRecipe | None:
@@ -310,8 +314,10 @@ class GeneratedWiki(RecordedWiki):
     def _others(self, entry: GeneratedPage) -> list[str]:
         """Titles of the other pages about things, those behind this one first."""
         place = self.entries.index(entry)
-        others = [one for one in self.entries if one.template == "entity" and one is not entry]
-        return [one.title for one in others[place:] + others[:place]]
+        others = [
+            other for other in self.entries if other.template == "entity" and other is not entry
+        ]
+        return [other.title for other in others[place:] + others[:place]]
 
     def _rendered(self, entry: GeneratedPage, page: dict[str, Any], later: bool) -> str:
         domain = self.domain
@@ -360,14 +366,16 @@ def _entries(domain: Domain, n: int, alone: bool) -> list[GeneratedPage]:
     """The pages, ten ids apart; without recorded ones a main page and a short one too."""
     fit = re.compile(r"\w[\w '(),.!&-]*")
     nouns = {noun.title: noun for noun in domain.speech.nouns}
-    listed = [one for one in domain.keywords if fit.fullmatch(one.name)]
-    listed = [one for one in listed if one.name not in (MAIN, domain.title)]
-    chosen = [(nouns[one.name], one.kind, one.more) for one in listed[: n + alone]]
+    listed = [keyword for keyword in domain.keywords if fit.fullmatch(keyword.name)]
+    listed = [keyword for keyword in listed if keyword.name not in (MAIN, domain.title)]
+    chosen = [(nouns[keyword.name], keyword.kind, keyword.more) for keyword in listed[: n + alone]]
     taken = {noun.title.lower() for noun in nouns.values()}
     entries = []
     for place, (noun, kind, more) in enumerate(chosen):
         names = more[:2] or ((f"{noun.title}s",) if noun.number == "one" else ())
-        redirects = tuple(one[:1].upper() + one[1:] for one in names if one.lower() not in taken)
+        redirects = tuple(
+            name[:1].upper() + name[1:] for name in names if name.lower() not in taken
+        )
         template = "entity" if place < n else "short"
         entries.append(
             GeneratedPage(_FIRST_ID + 10 * place, noun, kind.capitalize(), redirects, template)
@@ -380,9 +388,9 @@ def _entries(domain: Domain, n: int, alone: bool) -> list[GeneratedPage]:
 def _renamed(value: Any) -> Any:
     """The made names of pictures in a recorded answer."""
     if isinstance(value, dict):
-        return {key: _renamed(one) for key, one in value.items()}
+        return {key: _renamed(inner) for key, inner in value.items()}
     if isinstance(value, list):
-        return [_renamed(one) for one in value]
+        return [_renamed(inner) for inner in value]
     if isinstance(value, str):
         for made, recorded in _FILES.items():
             for old in (recorded, recorded.replace("_", " ")):

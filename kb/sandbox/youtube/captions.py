@@ -144,7 +144,7 @@ def _by_first_word(nouns: Iterable[Noun]) -> dict[str, list[tuple[list[str], Nou
         if words:
             names.setdefault(words[0], []).append((words, noun))
     for those in names.values():
-        those.sort(key=lambda one: -len(one[0]))
+        those.sort(key=lambda edit: -len(edit[0]))
     return names
 
 
@@ -162,7 +162,7 @@ def _error(
     rng: random.Random, noun: Noun, nouns: Sequence[Noun], rates: Rates, start: float
 ) -> Mishearing | None:
     chance = rng.random()
-    others = [one for one in nouns if one != noun]
+    others = [other for other in nouns if other != noun]
     if chance < rates.swapped and others:
         other = rng.choice(others)
         return Mishearing(noun.title, start, spoken(other.name), other.title)

@@ -173,7 +173,9 @@ def rules_of(profile: Profile, tags: tuple[str, str, str]) -> CaseRules:
         tags=tags,
         language=section.language,
         category=section.category_ids[0],
-        other_category=next(one for one in (MUSIC, NEWS, 1, 0) if one not in section.category_ids),
+        other_category=next(
+            category for category in (MUSIC, NEWS, 1, 0) if category not in section.category_ids
+        ),
         labelled=bool(section.game_ids),
         min_views=section.min_views,
         min_seconds=math.ceil(section.min_duration_s),

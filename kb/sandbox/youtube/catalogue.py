@@ -71,7 +71,7 @@ class Catalogue:
                     )
         return playlists
 
-    def find(self, key: str) -> Video | None:
+    def video_of(self, key: str) -> Video | None:
         """A video by its id, listed or not."""
         return self.unlisted if key == self.unlisted.id else self.videos.get(key)
 

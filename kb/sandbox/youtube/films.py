@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from kb.core.installation import np, require
 from kb.pairs.keyword_list import Keyword
-from kb.pairs.keywords import make
+from kb.pairs.keywords import make_keywords
 from kb.pairs.matching import WALL, Matcher
 from kb.sandbox.world import World
 from kb.sandbox.youtube.captions import spoken_words
@@ -48,7 +48,7 @@ def write_films(world: World, folder: Path) -> int:
     mentions = Mentions(world)
     for video in world.youtube.videos.values():
         with writing(folder / f"{video.id}.mp4", sync=False) as path:
-            write_film(path, timeline(mentions.of(video), video.seconds))
+            write_film(path, timeline(mentions.in_video(video), video.seconds))
     return len(world.youtube.videos)
 
 
@@ -59,10 +59,10 @@ class Mentions:
         self._catalogue = world.youtube
         domain = world.domain
         nouns = [Keyword(noun.title, "noun") for noun in domain.speech.nouns]
-        self._keywords = make(list(domain.keywords) or nouns)
+        self._keywords = make_keywords(list(domain.keywords) or nouns)
         self._matcher = Matcher(self._keywords.phrases)
 
-    def of(self, video: Video) -> Iterator[tuple[str, float]]:
+    def in_video(self, video: Video) -> Iterator[tuple[str, float]]:
         """(keyword, start in s) of each mention in a video, in order, in the domain's language."""
         raw, places, starts = bytearray(b" "), list[int](), list[float]()
         for sentence in self._catalogue.talk(video, self._catalogue.planted.language):
@@ -102,7 +102,7 @@ def timeline(mentions: Iterable[tuple[str, float]], seconds: int) -> Iterator[tu
     before: Picture | None = None
     for tick in sorted({0, last} | near.keys() | {tick + 1 for tick in near if tick < last}):
         shown = near.get(tick, {})
-        closest = sorted(shown, key=lambda one: (shown[one], one))[:_MOST]
+        closest = sorted(shown, key=lambda word: (shown[word], word))[:_MOST]
         picture = tuple(sorted(closest))
         if picture != before or tick == last:
             yield tick, picture

@@ -52,13 +52,17 @@ def replaced(
         at = round(at + sentences[-1].seconds + 0.3, 2)
     if at > talk[-1].start:
         return list(talk)
-    return [*talk[:place], *sentences, *(one for one in talk[place:] if one.start >= at)]
+    return [
+        *talk[:place],
+        *sentences,
+        *(sentence for sentence in talk[place:] if sentence.start >= at),
+    ]
 
 
 def reworded(rng: random.Random, talk: Sequence[Sentence]) -> list[Sentence]:
     """The talk with a few words changed, none of them in what is planted."""
     # Single words of the grammar, and what may stand in their place.
-    lists = [[one for one in grammar().rules[rule] if one.isalpha()] for rule in _SINGLE]
+    lists = [[word for word in grammar().rules[rule] if word.isalpha()] for rule in _SINGLE]
     others = {word: words for words in lists for word in words if len(words) > 1}
     places = [
         (number, at)
@@ -67,7 +71,7 @@ def reworded(rng: random.Random, talk: Sequence[Sentence]) -> list[Sentence]:
         for at, word in enumerate(sentence.text.split())
         if word in others
     ]
-    wanted = max(2, sum(len(one.text.split()) for one in talk) // _EDITS)
+    wanted = max(2, sum(len(sentence.text.split()) for sentence in talk) // _EDITS)
     made = list(talk)
     for number, at in rng.sample(places, min(wanted, len(places))):
         words = made[number].text.split()
@@ -103,9 +107,11 @@ class Planted:
         ]
         self._copy(rng, usual)
         for number, channel in enumerate(channels):
-            own = [one for one in usual if one.channel is channel and one.id not in self.copies]
+            own = [
+                video for video in usual if video.channel is channel and video.id not in self.copies
+            ]
             self._repeat(clock.rng(seed, "planted", number), own)
-        languages = [one for one in LANGUAGES if one != self.language]
+        languages = [language for language in LANGUAGES if language != self.language]
         for video in usual:
             if video.id not in self.copies and rng.random() < _FOREIGN:
                 self._foreign[video.id] = rng.choice(languages)
@@ -129,8 +135,8 @@ class Planted:
         plain.sort(key=lambda video: (video.published_at, video.id))
         free = list(plain)
         for _ in range(round(_COPIED * len(plain))):
-            one, other = sorted(rng.sample(range(len(free)), 2))
-            original, copy = free[one], free[other]
+            first, other = sorted(rng.sample(range(len(free)), 2))
+            original, copy = free[first], free[other]
             free = [video for video in free if video not in (original, copy)]
             self.copies[copy.id] = original.id
             copy.seconds, copy.cast = original.seconds, original.cast
@@ -176,9 +182,13 @@ class Planted:
         """
         original = self.copies.get(video.id, video.id)
         rng = clock.rng(self.seed, "hearing", original)
-        own = [number for number, one in enumerate(talk) if not one.planted and one.text != MUSIC]
+        own = [
+            number
+            for number, sentence in enumerate(talk)
+            if not sentence.planted and sentence.text != MUSIC
+        ]
         heard, errors = misheard(rng, [words[n] for n in own], self.speech.nouns, self.rates)
-        made = [list(one) for one in words]
+        made = [list(sentence) for sentence in words]
         for number, sentence in zip(own, heard, strict=True):
             made[number] = sentence
         return made, errors
@@ -203,11 +213,13 @@ def passages(talk: Sequence[Sentence]) -> list[tuple[str, float, float, str]]:
     follow each other are one passage.
     """
     planted = []
-    for label, group in groupby(talk, key=lambda one: one.planted):
+    for label, group in groupby(talk, key=lambda sentence: sentence.planted):
         if label:
             those = list(group)
             ends = round(those[-1].start + those[-1].seconds, 3)
-            planted.append((label, those[0].start, ends, " ".join(one.text for one in those)))
+            planted.append(
+                (label, those[0].start, ends, " ".join(sentence.text for sentence in those))
+            )
     return planted
 
 
@@ -221,7 +233,7 @@ def truth_of(
         about = {"video_id": video.id}
         if video.task and video.case.stage is None:
             tasks.append(about | {"prompt": video.task, "start_s": video.task_start})
-        errors += [about | one._asdict() for one in missed]
+        errors += [about | mishearing._asdict() for mishearing in missed]
         shifts += [about | {"shift_s": shift}] if shift else []
         for label, start, end, text in passages(talk):
             times = {"start_s": start, "end_s": end}
@@ -231,13 +243,13 @@ def truth_of(
             else:
                 languages.append(about | {"language": label} | times)
     # A copy takes the texts of its original's channel along, which don't recur in its own.
-    often = Counter((one["channel_id"], one["text"]) for one in recurring)
-    recurring = [one for one in recurring if often[one["channel_id"], one["text"]] >= _FEWEST]
+    often = Counter((text["channel_id"], text["text"]) for text in recurring)
+    recurring = [text for text in recurring if often[text["channel_id"], text["text"]] >= _FEWEST]
     return {
         "seed": planted.seed,
         "hearing": {"rates": planted.rates._asdict(), "errors": errors},
         "shifted": shifts,
-        "copies": [{"video_id": one, "copy_of": of} for one, of in planted.copies.items()],
+        "copies": [{"video_id": copy, "copy_of": of} for copy, of in planted.copies.items()],
         "recurring": recurring,
         "languages": languages,
         "tasks": tasks,

@@ -117,8 +117,8 @@ class DataApi:
             hits = list(map(playlist_hit, self.world.youtube.search_playlists(query)))
         results, tokens, size = _paged(request, hits[:MOST_HITS])
         if "snippet" not in parts:
-            for one in results:
-                del one["snippet"]
+            for hit in results:
+                del hit["snippet"]
         total = max(len(hits), 1_000_000 * bool(hits))
         return {**list_response("search", results, total, size, **tokens), "regionCode": "US"}
 
@@ -150,15 +150,15 @@ class DataApi:
     def _videos(self, request: Request, parts: set[str]) -> dict[str, Any]:
         frame = (request.args.get("maxWidth", type=int), request.args.get("maxHeight", type=int))
         videos = self._requested_videos(request)
-        items = [_item("video", one.id, video_parts(one, *frame), parts) for one in videos]
+        items = [_item("video", video.id, video_parts(video, *frame), parts) for video in videos]
         return list_response("video", items, len(videos), len(videos))
 
     def _videos_batchGetStats(self, request: Request, parts: set[str]) -> dict[str, Any]:
         items = []
-        for one in self._requested_videos(request):
-            full = video_parts(one, None, None)
+        for video in self._requested_videos(request):
+            full = video_parts(video, None, None)
             shown = {
-                "snippet": {"publishTime": one.published_at},
+                "snippet": {"publishTime": video.published_at},
                 "contentDetails": {"duration": full["contentDetails"].get("duration")},
                 "statistics": {
                     name: full["statistics"][name]
@@ -166,7 +166,7 @@ class DataApi:
                     if name in full["statistics"]
                 },
             }
-            items.append(_item("videoStats", one.id, shown, parts))
+            items.append(_item("videoStats", video.id, shown, parts))
         return {
             "kind": "youtube#batchGetStatsResponse",
             "etag": etag("stats", len(items)),
@@ -174,16 +174,16 @@ class DataApi:
         }
 
     def _requested_videos(self, request: Request) -> list[Any]:
-        found = map(self.world.youtube.find, dict.fromkeys(_ids(request)))
-        return [video for video in found if video is not None and video.in_api]
+        videos = map(self.world.youtube.video_of, dict.fromkeys(_ids(request)))
+        return [video for video in videos if video is not None and video.in_api]
 
 
 def _list(request: Request, name: str) -> list[str]:
     return [
-        one.strip()
+        part.strip()
         for value in request.args.getlist(name)
-        for one in value.split(",")
-        if one.strip()
+        for part in value.split(",")
+        if part.strip()
     ]
 
 

@@ -160,7 +160,7 @@ class YouTubeWeb:
     def _watch(self, request: Request) -> Response:
         key = request.args.get("v", "")
         request.environ["sandbox.about"] = key
-        return Response(watch_page(self.world.youtube.find(key), key), mimetype="text/html")
+        return Response(watch_page(self.world.youtube.video_of(key), key), mimetype="text/html")
 
     def _player(self, request: Request) -> Response:
         body = request.get_json(silent=True) or {}
@@ -171,17 +171,17 @@ class YouTubeWeb:
         if "client" not in body.get("context", {}):
             return _refusal("Request contains an invalid argument.")
         return Response(
-            json.dumps(player_answer(self.world.youtube.find(key))),
+            json.dumps(player_answer(self.world.youtube.video_of(key))),
             mimetype="application/json",
         )
 
     def _timed_text(self, request: Request) -> Response:
         key = request.args.get("v", "")
         request.environ["sandbox.about"] = key
-        video = self.world.youtube.find(key)
+        video = self.world.youtube.video_of(key)
         wanted = (request.args.get("lang", ""), request.args.get("kind", ""))
         track = (
-            next((one for one in video.tracks if (one.language, one.kind) == wanted), None)
+            next((track for track in video.tracks if (track.language, track.kind) == wanted), None)
             if video
             else None
         )

@@ -16,9 +16,8 @@ from typing import BinaryIO, NamedTuple
 
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
-from kb.store import damage_note
 from kb.store.atomic import followed, write_bytes, writing
-from kb.store.damage import open_file
+from kb.store.damage import note_damage, noted_damage, open_file
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
@@ -27,7 +26,7 @@ from kb.store.tables import reading
 
 Apply = Callable[[Frontier, str, Envelope], None]
 """Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
-_IMPORTED = {kind: hint for one in SOURCES.values() for kind, hint in one.imported.items()}
+_IMPORTED = {kind: hint for source in SOURCES.values() for kind, hint in source.imported.items()}
 _NAMED = 3  # items that a message names
 _CHUNK = 1 << 16
 
@@ -72,13 +71,13 @@ def note(root: Path, source: str, error: DamagedData, hint: str) -> None:
         if path.parent.parent.resolve() == base and gaps(path, path.stat().st_size)
     ]
     if damaged:
-        damage_note.add(root, damaged)
+        note_damage(root, damaged)
         error.hint = hint
 
 
 def noted_segments(root: Path, source: str) -> list[Path]:
     """The segments that commands noted as damaged."""
-    noted = damage_note.paths(root, Layout(root).raw(source))
+    noted = noted_damage(root, Layout(root).raw(source))
     return [path for path in noted if path.name.endswith((rawlog.SUFFIX, rawlog.OPEN))]
 
 
@@ -94,16 +93,16 @@ def losses(root: Path, source: str, frontier: Frontier, *, every: bool = False) 
     Reads open segments, those that the state knows in part, noted ones, and with `every` all of
     them. `kb.store.rawlog.recorder` reads a closed segment that the state does not know.
     """
-    found: list[LostRange] = []
+    lost: list[LostRange] = []
     noted, known = noted_segments(root, source), frontier.offsets()
     for path in rawlog.all_segments(root, source):
         committed = known.pop((path.parent.name, rawlog.base_name(path)), 0)
         sure = committed in (0, path.stat().st_size) and not path.name.endswith(".open")
-        found += lost_of(path, committed, read=every or not sure or path in noted)
+        lost += lost_of(path, committed, read=every or not sure or path in noted)
     for (kind, name), committed in known.items():
         path = rawlog.folder(root, source, kind) / f"{name}{rawlog.SUFFIX}"
-        found += [LostRange(path, 0, committed)] if committed else []
-    return found
+        lost += [LostRange(path, 0, committed)] if committed else []
+    return lost
 
 
 def lost_of(path: Path, committed: int = 0, *, read: bool = True) -> list[LostRange]:
@@ -112,8 +111,8 @@ def lost_of(path: Path, committed: int = 0, *, read: bool = True) -> list[LostRa
     """
     size = path.stat().st_size
     damaged = gaps(path, min(committed, size)) if read else []
-    found = [LostRange(path, start, end) for start, end in damaged]
-    return [*found, LostRange(path, size, committed)] if committed > size else found
+    lost = [LostRange(path, start, end) for start, end in damaged]
+    return [*lost, LostRange(path, size, committed)] if committed > size else lost
 
 
 def set_aside(lost: Sequence[LostRange]) -> list[LostRange]:
@@ -132,7 +131,7 @@ def set_aside(lost: Sequence[LostRange]) -> list[LostRange]:
     return named
 
 
-def check(root: Path, source: str) -> None:
+def refuse_lost_answers(root: Path, source: str) -> None:
     """Raises DamagedData when raw answers are lost that were not asked for again. Reads only.
 
     Raises DiskFull where there is no room for SQLite to read.

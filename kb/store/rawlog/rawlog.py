@@ -201,7 +201,7 @@ def base_name(path: Path) -> str:
     return path.name.removesuffix(".open").removesuffix(SUFFIX)
 
 
-def read(root: Path, source: str, kind: str) -> Iterator[Envelope]:
+def envelopes(root: Path, source: str, kind: str) -> Iterator[Envelope]:
     """Every envelope of a kind, oldest first; the torn tail of an open segment is left out.
 
     Raises DamagedData, behind what can be read of a segment.

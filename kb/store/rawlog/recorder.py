@@ -15,8 +15,8 @@ from typing import Any, Self
 
 from kb.core import clock
 from kb.core.errors import DamagedData
-from kb.store import damage_note
 from kb.store.atomic import sync_folder
+from kb.store.damage import forget_damage
 from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.quarantine import Apply, LostRange
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
@@ -67,7 +67,7 @@ class Recorder:
                 self._frontier.start_over()
                 self._frontier.note_lost(quarantine.lost_imports(lost))
             lost = quarantine.set_aside(lost)
-        damage_note.forget(self._root, *segments)
+        forget_damage(self._root, *segments)
         recover(self._root, self._source)
         lost += self._replay()
         items = [*quarantine.lost_imports(lost), *self._frontier.settle(self._asked)]

@@ -3,7 +3,7 @@
     raw/wiki/images/<sha256>.<ending>   the name says what is in it
     raw/wiki/pages/<id>/<revision>/…    SHA256SUMS beside them says it, as for `sha256sum -c`
 
-A reader that finds one changed notes it (kb.store.damage_note); the next crawl sets it aside as
+A reader that finds one changed notes it (kb.store.damage); the next crawl sets it aside as
 `<name>.damaged` and fetches again what was in it.
 """
 
@@ -16,10 +16,9 @@ from pathlib import Path
 
 from kb.core.errors import DamagedData
 from kb.core.regular_file import read_regular
-from kb.store import damage_note
 from kb.store.artifact_registry import SUMS
 from kb.store.atomic import sync_folder, write_bytes
-from kb.store.damage import open_file, opening, unreadable
+from kb.store.damage import note_damage, noted_damage, open_file, opening, unreadable
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.tables.checksums import digest, listed, parsed
 from kb.store.walk import files_below
@@ -74,7 +73,7 @@ def write_named(path: Path, data: bytes) -> None:
 def suspects(root: Path) -> list[str]:
     """The noted captured files that still are not what they should be, by path from the root."""
     at = Layout(root)
-    noted = [path for top in (at.captures, at.images) for path in damage_note.paths(root, top)]
+    noted = [path for top in (at.captures, at.images) for path in noted_damage(root, top)]
     return [str(path.relative_to(root)) for path in noted if not is_intact(path)]
 
 
@@ -92,7 +91,7 @@ def quarantine_path(path: Path) -> Path:
 
 def lost(root: Path, source: str, paths: Collection[Path]) -> DamagedData:
     """What to raise for files that are missing or not what they were; notes them."""
-    damage_note.add(root, paths)
+    note_damage(root, paths)
     first = min(paths)
     what = "is not what was stored"
     if not first.is_file():

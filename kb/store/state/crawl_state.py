@@ -59,6 +59,7 @@ CREATE TABLE offsets (kind TEXT NOT NULL, segment TEXT NOT NULL, offset INTEGER 
 # MIGRATIONS[n] brings version n to n + 1; the file is copied aside first.
 # `uid` names a request on whatever machine its row lies; of older rows it is made of their values.
 _OLD_UID = "at || ' ' || bucket || ' ' || endpoint || ' ' || id"
+_FIRST_WITH_UID = 3
 MIGRATIONS = {
     1: "CREATE INDEX items_by_order ON items (kind, seq);",
     2: f"""
@@ -284,19 +285,26 @@ class State:
             )
 
     def add_ledger(self, other: State) -> int:
-        """Add another state's ledger, each request once; how many were new."""
+        """Add the requests of another machine's ledger; how many were new.
+
+        The uid tells whether a request is here already. Then it stays as it is, unless it was still
+        without an outcome when it was copied here: it takes the outcome and the units from there.
+        """
         columns = "at, day, bucket, units, endpoint, outcome, uid"
         with self.transaction(), other._access():
             (version,) = other._db.execute("PRAGMA user_version").fetchone()
-            theirs = columns if version > 2 else columns.replace("uid", _OLD_UID)
+            has_uid = version >= _FIRST_WITH_UID  # other states are only read, and not migrated
+            selected = columns if has_uid else columns.replace("uid", _OLD_UID)
+            requests = other._db.execute(f"SELECT {selected} FROM ledger ORDER BY id")
             before, _ = self.requests()
             self._db.executemany(
                 f"INSERT INTO ledger ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (uid)"
                 " DO UPDATE SET units = excluded.units, outcome = excluded.outcome"
                 " WHERE outcome IS NULL",
-                other._db.execute(f"SELECT {theirs} FROM ledger ORDER BY id"),
+                requests,
             )
-            return self.requests()[0] - before
+            after, _ = self.requests()
+            return after - before
 
     def spent(self, bucket: str, day: str) -> int:
         """Units of a bucket spent on a day."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from kb.store.atomic import write_bytes
-from kb.store.state import json_files
+from kb.store.damage import read_note
 
 NAME = "demo.json"
 NOTE = (
@@ -23,17 +23,17 @@ class DemoMark(msgspec.Struct, frozen=True):
     finished: bool
 
 
-def read(root: Path) -> DemoMark | None:
+def read_mark(root: Path) -> DemoMark | None:
     """The mark; None where no demo made the data root. Raises DamagedData."""
     fix = "delete the demo's folder and run `kb demo` again"
-    return json_files.read(root / NAME, DemoMark, fix=fix)
+    return read_note(root / NAME, DemoMark, fix=fix)
 
 
-def write(root: Path, *, finished: bool) -> None:
+def write_mark(root: Path, *, finished: bool) -> None:
     """Mark a data root. Raises DiskFull."""
     write_bytes(root / NAME, msgspec.json.encode(DemoMark(finished)) + b"\n")
 
 
 def note(root: Path) -> list[str]:
     """What each page about a data root has to say of it: that its data are invented."""
-    return [NOTE] if read(root) is not None else []
+    return [NOTE] if read_mark(root) is not None else []

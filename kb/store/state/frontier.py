@@ -48,7 +48,7 @@ class Frontier(State):
         }
         super().__init__(path, readonly=readonly)
 
-    def add(self, kind: str, keys: Iterable[str | tuple[str, Any]]) -> int:
+    def add_keys(self, kind: str, keys: Iterable[str | tuple[str, Any]]) -> int:
         """Add keys that are not known yet; how many were new.
 
         Order of adding is order of taking.
@@ -199,7 +199,7 @@ class Frontier(State):
         with self.transaction():
             self._db.execute("DELETE FROM items WHERE kind = ?", (kind,))
             self._db.execute("DELETE FROM lost WHERE kind = ?", (kind,))
-            return self.add(kind, keys)
+            return self.add_keys(kind, keys)
 
     # -- a replay of the raw log -------------------------------------------------------------------
 

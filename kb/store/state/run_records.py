@@ -17,8 +17,8 @@ from kb import __version__
 from kb.core.config.profile import Profile
 from kb.core.summary import vocabulary
 from kb.store.atomic import write_bytes
+from kb.store.damage import read_note
 from kb.store.layout import Layout
-from kb.store.state import json_files
 
 MOST = 1000
 _SETTINGS = "settings.json"
@@ -121,7 +121,7 @@ def keep(
 def kept(root: Path) -> Iterator[RunRecord]:
     """The records, the newest first. Raises DamagedData."""
     for path in reversed(_files(Layout(root).runs)):
-        record = json_files.read(path, RunRecord, fix=f"delete {path}")
+        record = read_note(path, RunRecord, fix=f"delete {path}")
         if record is not None:  # another process has removed it
             yield record
 
@@ -133,7 +133,7 @@ def _files(folder: Path) -> list[Path]:
 def _changed(path: Path, profile: Profile) -> list[str]:
     """What differs from the settings of the run before, which these replace."""
     now = dict(_values("", profile.model_dump(mode="json", exclude={"path"})))
-    before = json_files.read(path, dict[str, Any], fix=f"delete {path}")
+    before = read_note(path, dict[str, Any], fix=f"delete {path}")
     if before != now:
         write_bytes(path, msgspec.json.encode(now) + b"\n")
     if before is None:

@@ -20,9 +20,8 @@ from kb.core import clock
 from kb.core.errors import DamagedData
 from kb.schema.tables import table
 from kb.store.atomic import write_bytes
-from kb.store.damage import unreadable
+from kb.store.damage import read_note, unreadable
 from kb.store.layout import Layout
-from kb.store.state import json_files
 from kb.store.tables import parquet
 from kb.store.tables.shard_writer import write_table
 
@@ -50,7 +49,7 @@ def _keys(root: Path, source: str) -> set[str]:
     return set(cast("list[str]", _load(root, source)["key"].to_pylist()))
 
 
-def read(root: Path, source: str) -> pa.Table:
+def tombstone_rows(root: Path, source: str) -> pa.Table:
     """Every tombstone of an item of a source, by key, as shared/tombstones declares.
     Raises DamagedData.
     """
@@ -68,7 +67,7 @@ def version(root: Path, source: str) -> int:
     return file.stat().st_mtime_ns if file.exists() else 0
 
 
-def add(root: Path, source: str, rows: Iterable[tuple[str, str]]) -> int:
+def add_tombstones(root: Path, source: str, rows: Iterable[tuple[str, str]]) -> int:
     """Add (key, reason) pairs; known keys keep their first row. How many were new."""
     old = _load(root, source).to_pylist()
     known = {row["key"] for row in old}
@@ -138,7 +137,7 @@ def _load(root: Path, source: str) -> pa.Table:
 def _count(root: Path, source: str) -> int:
     place = Layout(root).tombstone_count(source)
     fix = f"remove it: it only says how many rows {path(root, source)} has"
-    count = json_files.read(place, int, fix=fix)
+    count = read_note(place, int, fix=fix)
     copy = place.with_suffix(".parquet")  # of the tombstones, as an older version kept it
     if count is None and copy.is_file():
         count = parquet.read_table(copy).num_rows

@@ -106,7 +106,7 @@ def recorded(path: Path) -> FileEntry | None:
     return None
 
 
-def check(
+def verify_recorded(
     *paths: Path | str,
     advance: Advance | None = None,
     unrecorded: Callable[[Path], object] | None = None,

@@ -86,7 +86,7 @@ class Merge:
             self._scratch = tempfile.mkdtemp(prefix=".sort-", dir=self._place or path.parent)
         copy = Path(self._scratch, f"{len(self._cursors)}-{path.name}")
         rows = parquet.read_table(path, columns=self._columns).sort_by(self._by)
-        parquet.write(copy, rows)
+        parquet.write_file(copy, rows)
         return copy
 
 
@@ -165,7 +165,7 @@ class RowsByKey:
         self._rows, self._key = rows, key
         self._next = next(rows, None)
 
-    def of(self, key: Any) -> Iterator[dict[str, Any]]:
+    def rows_of(self, key: Any) -> Iterator[dict[str, Any]]:
         """The rows of one key; ask for keys in rising order, and read them before the next."""
         while self._next is not None and self._next[self._key] < key:
             self._next = next(self._rows, None)

@@ -40,7 +40,7 @@ def writing(
         yield file
 
 
-def write(path: Path, rows: pa.Table, **settings: Any) -> None:
+def write_file(path: Path, rows: pa.Table, **settings: Any) -> None:
     """Write a table as one file; `settings` as pyarrow has them."""
     with writing(path, rows.schema, **settings) as file:
         file.write_table(rows)
@@ -50,7 +50,7 @@ def open_file(path: Path | str, **settings: Any) -> pq.ParquetFile:
     """A file to read, after a check of its bytes and, of a release, of its columns and numbers;
     every page is verified. Raises DamagedData.
     """
-    checksums.check(path)
+    checksums.verify_recorded(path)
     check_release(path)
     return _opened(path, **settings)
 
@@ -71,7 +71,7 @@ def names(path: Path | str) -> list[str]:
 
 def open_stored(path: Path | str, **settings: Any) -> pq.ParquetFile:
     """The same after a check of its bytes alone, for who compares the rest itself."""
-    checksums.check(path)
+    checksums.verify_recorded(path)
     return _opened(path, **settings)
 
 
@@ -99,14 +99,14 @@ def read_table(path: Path | str, columns: Sequence[str] | None = None) -> pa.Tab
         return file.read(columns=None if columns is None else list(columns))
 
 
-def check(*paths: Path | str, advance: Callable[[int], None] | None = None) -> None:
+def verify_files(*paths: Path | str, advance: Callable[[int], None] | None = None) -> None:
     """Raises DamagedData for the first file whose bytes have changed since they were written, and
     for one of a release whose columns or numbers are not as declared.
 
     Call it before DuckDB reads rows of these files. `advance` is called with the number of bytes
     read.
     """
-    checksums.check(*paths, advance=advance, unrecorded=decode)
+    checksums.verify_recorded(*paths, advance=advance, unrecorded=decode)
     check_release(*paths)
 
 

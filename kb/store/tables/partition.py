@@ -98,7 +98,7 @@ def spread(
     try:
         with without_collecting(), Shuffle(folder, f"{number:06d}", buckets) as shuffle:
             for piece in _pieces(kind.parse(_lines(frames, name, unknown))):
-                shuffle.write(piece, piece.column(kind.bucket) if kind.bucket else None)
+                shuffle.add_rows(piece, piece.column(kind.bucket) if kind.bucket else None)
     except DamagedData as error:
         if error.paths:
             raise
@@ -182,7 +182,7 @@ class Shuffle:
         self._writers: dict[int, Any] = {}
         self.rows: Counter[int] = Counter()
 
-    def write(self, rows: pa.Table, keys: pa.ChunkedArray[Any] | None) -> None:
+    def add_rows(self, rows: pa.Table, keys: pa.ChunkedArray[Any] | None) -> None:
         """Add rows, each to the bucket of its key; all to the first one without `keys`.
 
         Rows of one bucket keep their order.

@@ -18,10 +18,9 @@ import pyarrow as pa
 from kb.core.errors import DamagedData
 from kb.schema.conformity import column_problems
 from kb.schema.tables import table, tables
-from kb.store.damage import unreadable
+from kb.store.damage import read_note, unreadable
 from kb.store.exhausted import is_out_of_memory
 from kb.store.layout import Layout
-from kb.store.state import json_files
 from kb.store.state.frontier import Frontier
 from kb.store.tables import checksums, parquet
 
@@ -91,7 +90,7 @@ def _declared(path: Path) -> str:
 
 def filtered(root: Path, source: str) -> dict[str, Any]:
     """The summary of the source's last filter, {} when there was none. Raises DamagedData."""
-    return json_files.read(Layout(root).summary(source), dict[str, Any]) or {}
+    return read_note(Layout(root).summary(source), dict[str, Any]) or {}
 
 
 def scan(files: Iterable[Path | str]) -> str:

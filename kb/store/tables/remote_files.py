@@ -78,10 +78,10 @@ class RemoteFolder:
         """A file to read and seek in. Raises FatalError."""
         with reading_at(f"{self.address}/{name}"):
             if not self.sends_ranges:
-                return self._copies.of(name).open("rb")
+                return self._copies.copy_of(name).open("rb")
             return cast("BinaryIO", _open(self.system, f"{self.path}/{name}"))
 
-    def read(self, name: str) -> bytes:
+    def read_file(self, name: str) -> bytes:
         """A whole file. Raises DamagedData for another checksum than in SHA256SUMS."""
         with self.open(name) as file, reading_at(f"{self.address}/{name}"):
             data = file.read()
@@ -96,7 +96,7 @@ class RemoteFolder:
             raise DamagedData(
                 f"{self.address} has no {SUMS}", hint="it is not a whole release folder"
             )
-        return parsed(self.read(SUMS).decode(errors="replace"))[0]
+        return parsed(self.read_file(SUMS).decode(errors="replace"))[0]
 
     @cached_property
     def sends_ranges(self) -> bool:
@@ -120,7 +120,7 @@ class RemoteFolder:
         """Parquet files as one dataset. Raises DamagedData, FatalError."""
         with reading_at(f"{self.address}/{names[0]}"):
             if not self.sends_ranges:
-                return parquet_dataset([str(self._copies.of(name)) for name in names])
+                return parquet_dataset([str(self._copies.copy_of(name)) for name in names])
             handler = _RangeHandler(self.system)  # type: ignore[abstract]  # stubs miss them
             paths = [f"{self.path}/{name}" for name in names]
             return parquet_dataset(paths, pyarrow.fs.PyFileSystem(handler))
@@ -134,7 +134,7 @@ class _Copies:
         self._place = tempfile.TemporaryDirectory(prefix="lorecrawl-address-")
         self._bytes = 0
 
-    def of(self, name: str) -> Path:
+    def copy_of(self, name: str) -> Path:
         """The copy of a file, which is read the first time. Raises FatalError where all copies
         would be larger than MOST_COPIED.
         """
@@ -191,9 +191,9 @@ def remote_folders(address: str, options: Mapping[str, Any] | None = None) -> li
         given = dict(options or {})
         system, path = fsspec.core.url_to_fs(address, **_ways(address, given), **given)
         path = path.rstrip("/")
-        found = system.find(path, maxdepth=2, detail=True)
+        listed = system.find(path, maxdepth=2, detail=True)
         folders: dict[str, dict[str, int]] = {}
-        for full, about in sorted(found.items()):
+        for full, about in sorted(listed.items()):
             # A web server's listing has names alone: each file is asked for its size.
             size = system.size(full) if about["size"] is None else about["size"]
             if size is None:

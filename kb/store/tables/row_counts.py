@@ -49,7 +49,7 @@ def _keys(folder: Path, tables: Mapping[str, str], stage: str = "") -> dict[str,
     counts = (f"count(*) FILTER (starts_with(key, '{prefix}'))" for prefix in tables.values())
     sql = f"SELECT {', '.join(counts)} FROM {scan(files)}"
     with reading(files), database.over(files) as con:
-        parquet.check(*files)
+        parquet.verify_files(*files)
         row = con.execute(f"{sql} WHERE stage = '{stage}'" if stage else sql).fetchone()
     return dict(zip(tables, row or (), strict=True))
 

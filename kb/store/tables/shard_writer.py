@@ -59,7 +59,7 @@ def write_table(
     if not _sorted(rows, order(declared)):
         rows = rows.sort_by([(name, "ascending") for name in order(declared)])
     with ShardWriter(path, declared, released=released, in_order=True, sync=sync) as writer:
-        writer.write(rows)
+        writer.add_rows(rows)
     return Shard(path, rows.num_rows)
 
 
@@ -105,7 +105,11 @@ class ShardWriter:
 
     def __enter__(self) -> Self:
         declared, schema = self.declared, self._schema
-        low = [one.name for one in declared.columns if one.dictionary and one.name in schema.names]
+        low = [
+            column.name
+            for column in declared.columns
+            if column.dictionary and column.name in schema.names
+        ]
         marks = pq.SortingColumn.from_ordering(
             schema, [(name, "ascending") for name in order(declared)], "at_end"
         )
@@ -131,7 +135,7 @@ class ShardWriter:
         """Bytes of the row groups written so far."""
         return self._temporary.stat().st_size
 
-    def write(self, rows: pa.Table) -> None:
+    def add_rows(self, rows: pa.Table) -> None:
         """Add rows in their order. Raises SchemaMismatch."""
         rows = conform(self.declared, rows, released=self.released)
         self.rows += rows.num_rows
@@ -190,7 +194,9 @@ def sorted_shards(
         *(name for name in reads if name not in declared.names(released)),
     ]
     with contextlib.closing(Merge(parts, order(declared), wanted)) as merge:
-        rows = (change(one).select(declared.names(released)) if change else one for one in merge)
+        rows = (
+            change(batch).select(declared.names(released)) if change else batch for batch in merge
+        )
         return write_sorted(
             rows,
             folder,
@@ -230,7 +236,7 @@ def write_sorted(
             group_rows=group_rows,
         ) as writer:
             while group is not None and (not writer.rows or writer.size < shard_bytes):
-                writer.write(group)
+                writer.add_rows(group)
                 group = next(groups, None)
         written.append(Shard(path, writer.rows))
     number = len(written)  # which the name of each shard says

@@ -16,14 +16,16 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from kb.core import clock
-from kb.core.errors import MissingExtra
+from kb.core.errors import MissingExtra, SettingError
 from kb.core.installation import install_extra
+from kb.net.certificates import authorities
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 INSTALL = (
@@ -122,11 +124,6 @@ STARTS = 3  # attempts before a driver counts as broken
 _READY = re.compile(rb"successfully on port (\d+)")
 _FOLDER = "lorecrawl-browser-"  # followed by our process id
 _KEPT = ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH")
-
-
-def has_certificates() -> bool:
-    """Whether the user has given Chromium authorities besides its own."""
-    return bool(_certificates())
 
 
 def _certificates() -> list[str]:
@@ -251,3 +248,22 @@ def end(leader: int, folder: str = "") -> None:
         threading.Event().wait(0.02)
     if folder:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def requirements() -> Iterator[tuple[str, str, str, str]]:
+    """What a crawl of a wiki needs of this machine, for `kb doctor`: the browser with its driver,
+    and that it trusts whom the other clients trust.
+    """
+    try:
+        programs = find_programs()
+        yield "ok", "browser", f"{programs.browser} with {programs.driver}", ""
+    except MissingExtra as error:
+        yield "problem", "browser", str(error), error.hint
+    try:
+        _, own_authorities = authorities()
+    except SettingError:  # which is said of the other clients
+        return
+    if own_authorities and not _certificates():
+        what = "it trusts the usual authorities alone"
+        fix = "if your company signs certificates, add its authority (docs/long-crawls.md)"
+        yield "note", "browser's certificates", what, fix

@@ -13,7 +13,7 @@ import msgspec
 
 from kb.core import clock
 from kb.core.errors import DamagedData
-from kb.store import damage_note
+from kb.store.damage import forget_damage
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state import tombstones
@@ -57,14 +57,14 @@ def begin_round(
         frontier.set_cursor(cursor, current)
         tag = str(current.number) if names is None else f"t{current.number}"
         if not current.done and frontier.cursor(reduce.SITE + tag) is None:
-            frontier.add("site", [(tag, SiteItem(names is None, tuple(namespaces)))])
+            frontier.add_keys("site", [(tag, SiteItem(names is None, tuple(namespaces)))])
         if names is None:
             if not current.done:
                 reduce.add_lists(frontier, current.number)
             return
         waiting = frontier.items("info", "todo")
         if not current.done or any(key.startswith(f"{tag}:") for key, *_ in waiting):
-            frontier.add("gone", [tag])
+            frontier.add_keys("gone", [tag])
 
 
 def named_tag(frontier: Frontier, *, again: bool) -> str:
@@ -129,7 +129,7 @@ def write_tombstones(frontier: Frontier, root: Path) -> None:
     tombstones.lift(root, "wiki", back | titles, reduce.LEFT)
     rows = [row for row in rows if row[0] not in titles]
     if rows:
-        tombstones.add(root, "wiki", rows)
+        tombstones.add_tombstones(root, "wiki", rows)
 
 
 class Comparison(NamedTuple):
@@ -211,7 +211,7 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
                 pages.add(key)
         files = {
             envelope.response["key"]
-            for envelope in rawlog.read(root, "wiki", "files")
+            for envelope in rawlog.envelopes(root, "wiki", "files")
             if envelope.response.get("path") in lost
         }
         with frontier.transaction():
@@ -220,7 +220,7 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
                 frontier.mark(kind, sorted(keys & done), "todo")
         for path in lost:
             sidefiles.quarantine_file(root / path)
-    damage_note.forget(root, Layout(root).captures, Layout(root).images)
+    forget_damage(root, Layout(root).captures, Layout(root).images)
 
 
 def _captured_pages(frontier: Frontier, root: Path) -> Iterator[tuple[str, dict[str, Any] | None]]:

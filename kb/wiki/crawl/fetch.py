@@ -86,7 +86,7 @@ def compare(api: WikiApi, frontier: Frontier, root: Path, round_: str) -> Iterat
     else:
         ids = discover.unnamed(frontier, round_)
     for start in range(0, len(ids), BATCH):
-        signals.stop.check()
+        signals.stop.raise_if_asked()
         yield api.details(round_, ids=ids[start : start + BATCH])
     if round_.isdigit() and int(round_) > 1:
         yield from _replaced(api, frontier, root)
@@ -96,14 +96,14 @@ def compare(api: WikiApi, frontier: Frontier, root: Path, round_: str) -> Iterat
 def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:
     """Ask about all fetched files and reopen those that changed."""
     stored_files: dict[str, dict[str, Any]] = {}
-    for envelope in rawlog.read(root, "wiki", "files"):
+    for envelope in rawlog.envelopes(root, "wiki", "files"):
         stored = envelope.response
         if stored["outcome"] == "stored" and stored.get("sha1") and stored.get("title"):
             stored_files[stored["key"]] = stored
     changed = []
     keys = sorted(stored_files)
     for start in range(0, len(keys), BATCH):
-        signals.stop.check()
+        signals.stop.raise_if_asked()
         part = [stored_files[key] for key in keys[start : start + BATCH]]
         answer = api.files(list(dict.fromkeys(stored["title"] for stored in part)))
         yield answer

@@ -110,7 +110,7 @@ def _site(frontier: Frontier, envelope: Envelope) -> None:
     counts = envelope.response.get("query", {}).get("statistics")
     counted = counts.get("pages") if isinstance(counts, dict) else None
     pages = counted if isinstance(counted, int) else 0
-    frontier.add("site", [(ANSWERED, SiteItem(listed=False))])
+    frontier.add_keys("site", [(ANSWERED, SiteItem(listed=False))])
     frontier.done("site", ANSWERED)
     for tag, _, _, site in list(frontier.items("site")):
         if tag == ANSWERED:
@@ -129,23 +129,25 @@ def add_lists(frontier: Frontier, number: int) -> None:
         lists = (
             (f"{number}:{namespace}", List(number, namespace)) for namespace in known["namespaces"]
         )
-        frontier.add("titles", lists)
+        frontier.add_keys("titles", lists)
         _compare_when_listed(frontier, number)
 
 
 def _seeds(frontier: Frontier, envelope: Envelope) -> None:
     params = envelope.request.params
     titles = params.get("titles", [])
-    frontier.add("info", [(f"{params['round']}:{title}", Title(title)) for title in titles])
+    frontier.add_keys("info", [(f"{params['round']}:{title}", Title(title)) for title in titles])
 
 
 def _titles(frontier: Frontier, envelope: Envelope) -> None:
     params, answer = envelope.request.params, envelope.response
     number, namespace = params["round"], int(params["apnamespace"])
     listed = answer.get("query", {}).get("allpages", [])
-    frontier.add("info", [(f"{number}:{page['title']}", Title(page["title"])) for page in listed])
+    frontier.add_keys(
+        "info", [(f"{number}:{page['title']}", Title(page["title"])) for page in listed]
+    )
     key, going = f"{number}:{namespace}", answer.get("continue") or {}
-    frontier.add("titles", [(key, List(number, namespace))])
+    frontier.add_keys("titles", [(key, List(number, namespace))])
     _, before, _ = frontier.get("titles", key) or ("", List(number, namespace), None)
     read = before.read + (before.going != going)
     frontier.payload("titles", key, List(number, namespace, going, read))
@@ -159,7 +161,7 @@ def _compare_when_listed(frontier: Frontier, number: int) -> None:
         return
     waiting = frontier.items("titles", "todo", "in_progress", "error")
     if not any(payload.round == number for *_, payload in waiting):
-        frontier.add("gone", [str(number)])
+        frontier.add_keys("gone", [str(number)])
 
 
 def _pages(frontier: Frontier, envelope: Envelope) -> None:
@@ -187,7 +189,7 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
             if page.title in turned:
                 _mark_left(frontier, key, "moved")
     if tag != "r":  # a replay may come to the answers before the lists
-        frontier.add("info", [(f"{tag}:{title}", Title(title)) for title in asked])
+        frontier.add_keys("info", [(f"{tag}:{title}", Title(title)) for title in asked])
     for title in asked:
         state = states.get(names.get(title, title), "unanswered")
         if state == "there":
@@ -212,7 +214,7 @@ def _update_page(
     new.touched = page.get("touched")
     known = frontier.get("pages", key)
     if known is None:
-        frontier.add("pages", [(key, new)])
+        frontier.add_keys("pages", [(key, new)])
         return
     status, old, _ = known
     former = set(old.former)
@@ -265,7 +267,7 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
             frontier.payload("pages", key, page)
         frontier.done("pages", key)
         files = [ImageItem(file["key"], file["title"], file["src"]) for file in answer["files"]]
-        frontier.add("files", [(file.key, file) for file in files])
+        frontier.add_keys("files", [(file.key, file) for file in files])
         for file in files:  # a replay may know a file by its answer alone
             known_file = frontier.get("files", file.key)
             if known_file is not None and known_file[1] is None:
@@ -285,7 +287,9 @@ def _files(frontier: Frontier, envelope: Envelope) -> None:
     answer = envelope.response
     key = answer["key"]
     if answer["outcome"] in ("stored", "final"):
-        frontier.add("files", [key])  # a replay comes to the answer before the page that shows it
+        frontier.add_keys(
+            "files", [key]
+        )  # a replay comes to the answer before the page that shows it
     if answer["outcome"] == "stored":
         frontier.done("files", key)
     elif answer["outcome"] == "final":

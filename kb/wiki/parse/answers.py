@@ -126,7 +126,7 @@ def named_pages(root: Path) -> dict[str, PageNames]:
     spaces, front = _site(root)
     removed = tombstones.keys(root, "wiki")
     newest: dict[str, tuple[str, str, PageNames | None]] = {}
-    for envelope in rawlog.read(root, "wiki", "pages"):
+    for envelope in rawlog.envelopes(root, "wiki", "pages"):
         query = (envelope.response or {}).get("query") or {}
         for page in query.get("pages", []):
             key, at = str(page.get("pageid", page.get("title"))), envelope.fetched_at or ""
@@ -144,7 +144,7 @@ def named_pages(root: Path) -> dict[str, PageNames]:
 def file_names(root: Path) -> list[str]:
     """What the wiki calls its namespace of files, in its own language and in every wiki's."""
     names = {"File", "Image"}
-    for envelope in rawlog.read(root, "wiki", "site"):
+    for envelope in rawlog.envelopes(root, "wiki", "site"):
         query = (envelope.response or {}).get("query") or {}
         space = query.get("namespaces", {}).get("6", {})
         names |= {str(space[name]) for name in ("name", "canonical") if space.get(name)}
@@ -159,7 +159,7 @@ def _site(root: Path) -> tuple[dict[int, str], str]:
     """Names of namespaces by number, and the front page's title."""
     spaces: dict[int, str] = {}
     front = ""
-    for envelope in rawlog.read(root, "wiki", "site"):
+    for envelope in rawlog.envelopes(root, "wiki", "site"):
         query = (envelope.response or {}).get("query") or {}
         front = query.get("general", {}).get("mainpage", front)
         spaces |= {

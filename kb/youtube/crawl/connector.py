@@ -106,9 +106,9 @@ def reopen(frontier: Frontier, profile: YouTubeSection) -> None:
 def extend(frontier: Frontier, profile: YouTubeSection, mine: Callable[[str], bool]) -> None:
     """Add the profile's keywords, and channels that were another part's share."""
     for kind, words in words_of(profile).items():
-        frontier.add(kind, [(search_key(word, None), SearchItem(word)) for word in words])
+        frontier.add_keys(kind, [(search_key(word, None), SearchItem(word)) for word in words])
     channels = (key for key, *_ in frontier.items(CHANNELS) if mine(key))
-    frontier.add(UPLOADS, [(key, ListPlace(uploads_list(key, profile))) for key in channels])
+    frontier.add_keys(UPLOADS, [(key, ListPlace(uploads_list(key, profile))) for key in channels])
 
 
 def words_of(profile: YouTubeSection) -> dict[str, tuple[str, ...]]:

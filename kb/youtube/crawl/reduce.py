@@ -173,27 +173,27 @@ class Reducer:
         else:
             channels = filter(_is_channel, parse.channel_hits(envelope.response))
             hits = [key for key in channels if key not in self._left_out]
-            frontier.add(CHANNELS, hits)
+            frontier.add_keys(CHANNELS, hits)
             frontier.done(CHANNELS, *hits)
             self._add_lists(frontier, UPLOADS, hits)
         following = parse.next_page(envelope.response)
         if following and hits:
             after = SearchItem(keyword, following, page + 1)
-            frontier.add(kind, [(search_key(keyword, following), after)])
-        frontier.add(kind, [(key, None)])
+            frontier.add_keys(kind, [(search_key(keyword, following), after)])
+        frontier.add_keys(kind, [(key, None)])
         frontier.payload(kind, key, SearchItem(keyword, token, page, len(hits)))
         frontier.done(kind, key)
 
     def _seeds(self, frontier: Frontier, envelope: Envelope) -> None:
         asked = envelope.request.params
-        frontier.add(VIDEOS, [key for key in asked.get("ids", []) if key not in self._purged])
+        frontier.add_keys(VIDEOS, [key for key in asked.get("ids", []) if key not in self._purged])
         lists = [key for key in asked.get("playlists", []) if key not in self._purged]
         self._add_lists(frontier, PLAYLISTS, lists)
-        frontier.add(PLAYLIST_FACTS, [key for key in lists if self._mine(key)])
+        frontier.add_keys(PLAYLIST_FACTS, [key for key in lists if self._mine(key)])
 
     def _add_lists(self, frontier: Frontier, kind: str, keys: Iterable[str]) -> None:
         mine = filter(self._mine, keys)
-        frontier.add(kind, [(key, self._from_the_top(kind, key)) for key in mine])
+        frontier.add_keys(kind, [(key, self._from_the_top(kind, key)) for key in mine])
 
     def _from_the_top(self, kind: str, key: str) -> ListPlace:
         return ListPlace(uploads_list(key, self._profile) if kind == UPLOADS else key)
@@ -207,7 +207,7 @@ class Reducer:
         known = frontier.get(kind, key)
         if known is None:
             at = ListPlace(playlist, token)
-            frontier.add(kind, [(key, at)])
+            frontier.add_keys(kind, [(key, at)])
         else:
             at = known[1]
             if (at.playlist, at.token) != (playlist, token) or known[0] == "done":
@@ -257,11 +257,11 @@ class Reducer:
 
     def _add_videos(self, frontier: Frontier, response: Any) -> int:
         keys = [key for key in parse.listed(response) if key not in self._purged]
-        return frontier.add(VIDEOS, keys)
+        return frontier.add_keys(VIDEOS, keys)
 
     def _videos(self, frontier: Frontier, envelope: Envelope) -> None:
         asked = parse.requested(envelope.request.params)
-        frontier.add(VIDEOS, asked)
+        frontier.add_keys(VIDEOS, asked)
         frontier.done(VIDEOS, *asked)
         frontier.done(REFRESH, *asked)
         if self.wants:
@@ -272,9 +272,9 @@ class Reducer:
 
     def _statistics(self, frontier: Frontier, envelope: Envelope) -> None:
         params = envelope.request.params
-        frontier.add(REFRESH, parse.missing(params, envelope.response))
+        frontier.add_keys(REFRESH, parse.missing(params, envelope.response))
         asked = parse.requested(params)
-        frontier.add(STATISTICS, asked)
+        frontier.add_keys(STATISTICS, asked)
         frontier.done(STATISTICS, *asked)
         # Counts alone decide nothing: a crawl judges them with the metadata.
         frontier.set_cursor(UNJUDGED, True)
@@ -282,24 +282,24 @@ class Reducer:
     def _info(self, frontier: Frontier, envelope: Envelope) -> None:
         """An imported video is not asked for; a crawl judges whether its transcript is."""
         key = str(envelope.response["id"])
-        frontier.add(VIDEOS, [key])
+        frontier.add_keys(VIDEOS, [key])
         frontier.done(VIDEOS, key)
         frontier.set_cursor(UNJUDGED, True)
 
     def _subtitles(self, frontier: Frontier, envelope: Envelope) -> None:
         key, language = str(envelope.response["video_id"]), str(envelope.response["language"])
         if self._language.spoken(language):
-            frontier.add(TRANSCRIPTS, [key])
+            frontier.add_keys(TRANSCRIPTS, [key])
             frontier.done(TRANSCRIPTS, key)
 
     def _facts(self, frontier: Frontier, envelope: Envelope) -> None:
         asked = parse.requested(envelope.request.params)
-        frontier.add(PLAYLIST_FACTS, asked)
+        frontier.add_keys(PLAYLIST_FACTS, asked)
         frontier.done(PLAYLIST_FACTS, *asked)
 
     def _imported_list(self, frontier: Frontier, envelope: Envelope) -> None:
         keys = (str(entry["id"]) for entry in envelope.response["entries"])
-        frontier.add(VIDEOS, [key for key in keys if key not in self._purged])
+        frontier.add_keys(VIDEOS, [key for key in keys if key not in self._purged])
 
     def judge(self, frontier: Frontier, videos: pa.Table) -> None:
         """Add the transcripts that are worth asking for, of parsed videos."""
@@ -307,11 +307,11 @@ class Reducer:
             zip(*(videos[name].to_pylist() for name in ("video_id", self._owner)), strict=True)
         )
         wanted = (key for key in self._wanted(videos) if key not in self._purged)
-        frontier.add(TRANSCRIPTS, [key for key in wanted if self._mine(owners[key] or "")])
+        frontier.add_keys(TRANSCRIPTS, [key for key in wanted if self._mine(owners[key] or "")])
 
     def _transcript(self, kind: str, frontier: Frontier, envelope: Envelope) -> None:
         key, status, reason = _outcome(envelope.response)
-        frontier.add(kind, [key])
+        frontier.add_keys(kind, [key])
         frontier.mark(kind, [key], status, reason)
         if reason == PO_TOKEN and kind == TRANSCRIPTS:
             frontier.payload(TRANSCRIPTS, key, Transcript((envelope.fetched_at or "")[:10]))

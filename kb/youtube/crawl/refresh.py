@@ -221,7 +221,7 @@ class YouTubeRefresh(YouTubeConnector):
                     (REFRESH, STATISTICS, PLAYLIST_FACTS), (*due, lists), strict=True
                 ):
                     frontier.replace(phase, keys)
-                frontier.add(PLAYLISTS, [(key, ListPlace(key)) for key in lists])
+                frontier.add_keys(PLAYLISTS, [(key, ListPlace(key)) for key in lists])
                 frontier.mark(PLAYLISTS, lists, "todo")
                 frontier.set_cursor(ROUND, self._older_than)
         if not any(frontier.ready(phase.kind) for phase in self.chosen):

@@ -77,8 +77,8 @@ class Fetcher:
         return self._opened.attempt(quota.WEB, once, self._profile.max_tries)
 
     def _row(self, request: requests.PreparedRequest) -> Note:
-        """The ledger's row. Raises as `Opened.check`."""
-        self._opened.check(quota.WEB)
+        """The ledger's row. Raises as `Opened.refuse_blocked`."""
+        self._opened.refuse_blocked(quota.WEB)
         path = urlsplit(request.url or "").path
         return self._opened.spend(quota.SITE, _ENDPOINTS.get(path, "web"), 0)
 
@@ -266,7 +266,7 @@ class SiteDoor(Door):
         super().__init__(ledger=ledger)
         self._root = root
 
-    def check(self, url: str) -> None:
+    def require_allowed(self, url: str) -> None:
         """Raises Retryable for an address that is not the site's."""
         if not self._own(url).startswith(SITE):
             raise Retryable("redirected away from YouTube")

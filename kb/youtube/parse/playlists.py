@@ -99,7 +99,7 @@ def playlists(root: Path) -> dict[str, Playlist]:
     """Every playlist that an answer tells of, by id. Raises DamagedData."""
     known: dict[str, Playlist] = {}
     for kind, take in _TAKES.items():
-        for envelope in rawlog.read(root, "youtube", kind):
+        for envelope in rawlog.envelopes(root, "youtube", kind):
             take(known, envelope)
     return known
 

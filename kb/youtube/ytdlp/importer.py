@@ -142,7 +142,7 @@ class _Import:
         """Write what waits, when it is much. Raises Interrupted, LimitReached."""
         self._flush(at_least=AT_ONCE)
         task.advance(1, videos=self.counts["crawled"])
-        signals.stop.check()
+        signals.stop.raise_if_asked()
         if self._run.limit and self.counts["imported_files"] >= self._run.limit:
             raise LimitReached(
                 f"--limit {self._run.limit} reached", hint="run the same command to resume"

@@ -23,11 +23,11 @@ import pyarrow.compute as pc
 
 from kb.core import clock
 from kb.core.languages import code_of, is_language, primary_language
-from kb.core.video_names import possible_ids
 from kb.crawl.file_text import json_value, text_of
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
+from kb.schema.video_facts import possible_ids
 from kb.store.walk import walk
 from kb.youtube.crawl import player
 

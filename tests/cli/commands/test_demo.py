@@ -80,10 +80,10 @@ def test_a_demo_starts_over_after_a_finished_one_and_else_goes_on(
     tmp_path: Path, begun: Callable[..., list[Run]], finished: bool
 ) -> None:
     (tmp_path / "demo" / "clean" / "wiki").mkdir(parents=True)
-    demo_mark.write(tmp_path / "demo", finished=finished)
+    demo_mark.write_mark(tmp_path / "demo", finished=finished)
     begun(tmp_path)
     assert (tmp_path / "demo" / "clean").exists() == (not finished)
-    assert demo_mark.read(tmp_path / "demo") == demo_mark.DemoMark(finished=False)
+    assert demo_mark.read_mark(tmp_path / "demo") == demo_mark.DemoMark(finished=False)
 
 
 def test_the_dumps_of_a_demo_are_not_in_its_data_root(

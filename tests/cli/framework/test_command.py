@@ -149,7 +149,7 @@ def crawl(run):
     done = 0
     try:
         while True:
-            signals.stop.check()
+            signals.stop.raise_if_asked()
             done += 1
             if done == 1:
                 print("ready", flush=True)

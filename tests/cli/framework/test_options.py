@@ -129,7 +129,7 @@ def test_a_demos_root_keeps_its_model(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.delenv("KB_TOXICITY_MODEL", raising=False)
     profile, plain = load_profile("minecraft"), load_settings(dotenv=False)
     assert in_demo_root(tmp_path, plain, profile) == (plain, profile)
-    demo_mark.write(tmp_path, finished=True)
+    demo_mark.write_mark(tmp_path, finished=True)
     monkeypatch.setattr(toxicity, "tiny_checkpoint", lambda: Path("tiny.ckpt"))
     settings, same = in_demo_root(tmp_path, plain, profile)
     assert settings.kb_toxicity_model == "tiny.ckpt"
@@ -146,7 +146,7 @@ def test_a_demo_without_the_model_is_not_scored(
 
     monkeypatch.delenv("KB_TOXICITY_MODEL", raising=False)
     monkeypatch.setattr(toxicity, "tiny_checkpoint", missing)
-    demo_mark.write(tmp_path, finished=True)
+    demo_mark.write_mark(tmp_path, finished=True)
     _, profile = in_demo_root(tmp_path, load_settings(dotenv=False), load_profile("minecraft"))
     assert profile.toxicity.toxicity == "off"
 

@@ -137,7 +137,7 @@ def raw(root: Path) -> list[Any]:
     """What an import wrote, but for the dump's name and place, which are the container's."""
     return [
         (envelope.fetched_at, envelope.response)
-        for envelope in rawlog.read(root, "reddit", "dumps")
+        for envelope in rawlog.envelopes(root, "reddit", "dumps")
     ]
 
 

@@ -36,7 +36,7 @@ def test_emoji_right_to_left_nul_and_lone_surrogates(tmp_path):
 
 
 def test_since_until_and_tombstones(tmp_path):
-    tombstones.add(tmp_path, "reddit", [("t3_gone", "named")])
+    tombstones.add_tombstones(tmp_path, "reddit", [("t3_gone", "named")])
     dump = write(
         tmp_path / "RS.zst",
         [

@@ -14,7 +14,7 @@ from kb.reddit.purge import RULES
 from kb.registry import SOURCES as CLASSES
 from kb.sandbox.reddit.service import dumps
 from kb.store.rawlog import rawlog
-from kb.store.rawlog.rawlog import read
+from kb.store.rawlog.rawlog import envelopes
 from kb.store.state import tombstones
 from kb.store.tables import partition
 from tests.faults import Sandbox
@@ -70,7 +70,7 @@ def test_comments_go_with_their_post_whenever_it_went(work: Work) -> None:
     write(work.root, "dumps", {}, listing(post("now", selftext="[deleted]"), post("stays")), None)
     below = [comment(f"below_{key}", link_id=f"t3_{key}") for key in ("now", "old", "stays")]
     write(work.root, "comments", {"article": "now"}, listing(*below))
-    tombstones.add(work.root, "reddit", [("t3_old", "named")])
+    tombstones.add_tombstones(work.root, "reddit", [("t3_old", "named")])
     with dry_purge(work.run(), CLASSES["reddit"].connector(work.run()), RULES, None) as purge:
         keys = purge.keys
     assert keys == {
@@ -83,7 +83,7 @@ def test_comments_go_with_their_post_whenever_it_went(work: Work) -> None:
 def test_posts_are_asked_for_first_then_comments_post_by_post(work: Work, tmp_path: Path) -> None:
     work.take_in(dumps(work.world, tmp_path / "dumps"))
     work.refresh()
-    asked = [envelope.request.params for envelope in read(work.root, "reddit", "info")]
+    asked = [envelope.request.params for envelope in envelopes(work.root, "reddit", "info")]
     names = [name for params in asked for name in params["id"].split(",")]
     trees = [post for params in asked for post in params["posts"]]
     first = sum(name.startswith("t3_") for name in names)

@@ -265,7 +265,7 @@ def test_what_was_purged_is_not_taken_out_of_a_dump(work: Work) -> None:
     first, second = live(work, 2)
     ids = work.place / "ids.txt"
     ids.write_text(f"t3_{first}\nt3_{second}")
-    tombstones.add(work.root, "reddit", [(f"t3_{first}", "named")])
+    tombstones.add_tombstones(work.root, "reddit", [(f"t3_{first}", "named")])
     from_dumps(work, ids, [dump(work, "old", [first, second])])
     assert missing(work) == {f"t3_{first}": "purged"}
     assert {row["post_id"] for row in rows(work.place / "out" / "posts")} == {second}

@@ -71,7 +71,7 @@ def tombstone(root: Path, service: Sandbox) -> None:
     names = tuple(path.name for path in sorted((root / "release").iterdir()))
     shutil.rmtree(root / "release")
     build(root, without, names)
-    tombstones.add(root, "youtube", [(VIDEO, "named")])
+    tombstones.add_tombstones(root, "youtube", [(VIDEO, "named")])
     done = kb(service, root, "release")
     assert done.code == 0, done.err
 

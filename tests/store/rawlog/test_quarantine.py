@@ -65,7 +65,7 @@ def test_a_replay_takes_back_what_no_raw_answer_says(tmp_path):
     frontier.spend("general", 5, "videos.list")
     with Recorder(tmp_path, "youtube", frontier, apply, asked=["video"]) as recorder:
         frontier.set_cursor("round", 3)
-        frontier.add("video", ["named"])
+        frontier.add_keys("video", ["named"])
         for number in range(3):
             recorder.record("videos", "videos", {"id": f"v{number}"}, 200, {})
     [path] = rawlog.segments(tmp_path, "youtube", "videos")
@@ -75,20 +75,20 @@ def test_a_replay_takes_back_what_no_raw_answer_says(tmp_path):
     data[start + 12] ^= 1
     path.write_bytes(data)
 
-    quarantine.check(tmp_path, "youtube")  # nobody has read it yet
+    quarantine.refuse_lost_answers(tmp_path, "youtube")  # nobody has read it yet
     with pytest.raises(DamagedData) as met, Recorder(tmp_path, "youtube", frontier, apply):
-        list(rawlog.read(tmp_path, "youtube", "videos"))
+        list(rawlog.envelopes(tmp_path, "youtube", "videos"))
     assert "run the same command again" in met.value.hint
     with pytest.raises(DamagedData, match="lost are the answers of video v1"):
         Recorder(tmp_path, "youtube", frontier, apply, asked=["video"])
     assert frontier.counts("video") == {"done": 2, "todo": 2}
     assert (frontier.requests(), frontier.cursor("round")) == ((1, 5), 3)
     with pytest.raises(DamagedData, match="lost are the answers of video v1") as told:
-        quarantine.check(tmp_path, "youtube")
+        quarantine.refuse_lost_answers(tmp_path, "youtube")
     assert "kb youtube crawl" in told.value.hint
     with Recorder(tmp_path, "youtube", frontier, apply, asked=["video"]) as recorder:
         recorder.record("videos", "videos", {"id": "v1"}, 200, {})
-    quarantine.check(tmp_path, "youtube")
+    quarantine.refuse_lost_answers(tmp_path, "youtube")
     assert frontier.counts("video") == {"done": 3, "todo": 1}
 
 
@@ -97,7 +97,7 @@ def test_a_killed_replay_goes_on(tmp_path, steps, monkeypatch):
     """Whatever was done of it, the next run ends in the same state."""
     frontier = open_frontier(tmp_path)
     with Recorder(tmp_path, "youtube", frontier, apply, asked=["video"]) as recorder:
-        frontier.add("video", ["named"])
+        frontier.add_keys("video", ["named"])
         for number in range(3):
             recorder.record("videos", "videos", {"id": f"v{number}"}, 200, {})
     [path] = rawlog.segments(tmp_path, "youtube", "videos")

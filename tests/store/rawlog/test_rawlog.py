@@ -53,9 +53,9 @@ def test_the_open_segment_can_be_read_and_is_renamed_when_closed(tmp_path):
     segment.append(rawlog.encode(envelope(1)))
     [path] = rawlog.segments(tmp_path, "youtube", "videos")
     assert path.name.endswith(".ndjson.zst.open")
-    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == [
-        "v1"
-    ]
+    assert [
+        entry.request.params["id"] for entry in rawlog.envelopes(tmp_path, "youtube", "videos")
+    ] == ["v1"]
     segment.close()
     assert [
         path.name.endswith(".ndjson.zst") for path in rawlog.segments(tmp_path, "youtube", "videos")
@@ -88,7 +88,7 @@ def test_a_secret_that_an_answer_repeats_is_not_kept(tmp_path):
     finally:
         redact.know([])
     assert [
-        envelope.response for envelope in (*seen, *rawlog.read(tmp_path, "youtube", "search"))
+        envelope.response for envelope in (*seen, *rawlog.envelopes(tmp_path, "youtube", "search"))
     ] == [want] * 3
 
 
@@ -98,7 +98,9 @@ def test_a_torn_frame_is_cut_and_the_whole_ones_stay(tmp_path, bytes_left):
     [path] = rawlog.segments(tmp_path, "youtube", "videos")
     path.write_bytes(path.read_bytes()[: offsets[2] + bytes_left])
     recover(tmp_path, "youtube")
-    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == [
+    assert [
+        entry.request.params["id"] for entry in rawlog.envelopes(tmp_path, "youtube", "videos")
+    ] == [
         "v0",
         "v1",
         "v2",
@@ -122,7 +124,7 @@ def test_segments_of_several_machines_are_read_as_one(tmp_path):
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(path.read_bytes())
     assert len(rawlog.segments(tmp_path / "all", "youtube", "videos")) == 2
-    assert len(list(rawlog.read(tmp_path / "all", "youtube", "videos"))) == 4
+    assert len(list(rawlog.envelopes(tmp_path / "all", "youtube", "videos"))) == 4
 
 
 @pytest.mark.parametrize("place", ["middle", "end", "all"])
@@ -138,7 +140,7 @@ def test_readers_name_a_damaged_segment_behind_what_they_can_read(tmp_path, plac
         DamagedData, match=f"{path.name} is damaged at byte {offsets[first]}"
     ) as said:
         read.extend(
-            entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")
+            entry.request.params["id"] for entry in rawlog.envelopes(tmp_path, "youtube", "videos")
         )
     assert read == [f"v{n}" for n in range(4) if not first <= n < last]
     assert "kb youtube crawl" in said.value.hint
@@ -149,7 +151,7 @@ def test_the_torn_tail_of_an_open_segment_is_no_damage(tmp_path):
     offsets = written(tmp_path, 2, close=False)
     [path] = rawlog.segments(tmp_path, "youtube", "videos")
     path.write_bytes(path.read_bytes()[: offsets[0] + 9])
-    assert len(list(rawlog.read(tmp_path, "youtube", "videos"))) == 1
+    assert len(list(rawlog.envelopes(tmp_path, "youtube", "videos"))) == 1
     path.write_bytes(path.read_bytes()[: offsets[0] - 1])
     assert not rawlog.any_answer(tmp_path, "youtube")
 

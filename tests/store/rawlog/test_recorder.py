@@ -13,7 +13,7 @@ from tests.store.state.test_frontier import open_frontier
 
 def apply(frontier, kind, envelope):
     key = envelope.request.params["id"]
-    frontier.add("video", [key])
+    frontier.add_keys("video", [key])
     frontier.done("video", key)
 
 
@@ -47,7 +47,7 @@ from tests.store.rawlog.test_recorder import apply, open_frontier
 from kb.store.rawlog.recorder import Recorder
 root = Path(sys.argv[1])
 frontier = open_frontier(root)
-frontier.add("video", [f"v{n}" for n in range(1000)])
+frontier.add_keys("video", [f"v{n}" for n in range(1000)])
 with Recorder(root, "youtube", frontier, apply) as recorder:
     print("go", flush=True)
     while items := frontier.take("video"):
@@ -69,7 +69,8 @@ def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
     frontier = open_frontier(tmp_path)
     assert frontier.counts("video") == {"done": 1000}
     asked = [
-        envelope.request.params["id"] for envelope in rawlog.read(tmp_path, "youtube", "videos")
+        envelope.request.params["id"]
+        for envelope in rawlog.envelopes(tmp_path, "youtube", "videos")
     ]
     # An answer whose frame is whole is never asked for again; one that was in flight at a kill may
     # be twice in the ledger.

@@ -6,7 +6,8 @@ from typing import IO, Any
 import pytest
 
 from kb.core.errors import DiskFull
-from kb.store import atomic, damage_note
+from kb.store import atomic, damage
+from kb.store.damage import note_damage, noted_damage
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
 from kb.store.rawlog.recorder import Recorder, recover
@@ -27,7 +28,7 @@ def frame(number: int) -> bytes:
 
 
 def numbers(root: Path) -> list[int]:
-    return [entry.response["n"] for entry in rawlog.read(root, "youtube", "videos")]
+    return [entry.response["n"] for entry in rawlog.envelopes(root, "youtube", "videos")]
 
 
 @pytest.mark.parametrize("answers", [(1,), (1, 2)])
@@ -122,8 +123,8 @@ def test_the_list_of_damaged_files_has_whole_lines(
 ) -> None:
     first, second = (tmp_path / "raw/wiki/images" / f"{letter * 64}.png" for letter in "ab")
     (tmp_path / "state").mkdir()
-    damage_note.add(tmp_path, [first])
-    assert damage_note.paths(tmp_path, tmp_path) == [first]
+    note_damage(tmp_path, [first])
+    assert noted_damage(tmp_path, tmp_path) == [first]
     append = atomic.append
     for room in range(len(str(first.relative_to(tmp_path))) + 1):
 
@@ -131,13 +132,13 @@ def test_the_list_of_damaged_files_has_whole_lines(
             full: Any = Takes(file, room)
             return append(full, data)
 
-        monkeypatch.setattr(damage_note, "append", taking)
+        monkeypatch.setattr(damage, "append", taking)
         with pytest.raises(DiskFull):
-            damage_note.add(tmp_path, [second])
-        assert damage_note.paths(tmp_path, tmp_path) == [first]
-    monkeypatch.setattr(damage_note, "append", append)
-    damage_note.add(tmp_path, [second])
-    assert damage_note.paths(tmp_path, tmp_path) == [first, second]
+            note_damage(tmp_path, [second])
+        assert noted_damage(tmp_path, tmp_path) == [first]
+    monkeypatch.setattr(damage, "append", append)
+    note_damage(tmp_path, [second])
+    assert noted_damage(tmp_path, tmp_path) == [first, second]
 
 
 def test_a_real_full_disk_leaves_whole_frames(tmp_path: Path) -> None:

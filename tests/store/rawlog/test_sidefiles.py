@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import DamagedData
-from kb.store import damage_note
+from kb.store.damage import forget_damage, note_damage
 from kb.store.rawlog import sidefiles
 
 
@@ -34,12 +34,12 @@ def test_suspects_are_listed_until_they_are_intact_or_forgotten(tmp_path: Path) 
     image = tmp_path / "raw/wiki/images" / f"{hashlib.sha256(b'pixels').hexdigest()}.png"
     image.parent.mkdir(parents=True)
     (tmp_path / "state").mkdir()
-    damage_note.add(tmp_path, [image])
+    note_damage(tmp_path, [image])
     assert sidefiles.suspects(tmp_path) == [str(image.relative_to(tmp_path))]
     sidefiles.write_named(image, b"pixels")
     assert sidefiles.suspects(tmp_path) == []
     image.unlink()
-    damage_note.forget(tmp_path, image.parent)
+    forget_damage(tmp_path, image.parent)
     assert sidefiles.suspects(tmp_path) == []
 
 

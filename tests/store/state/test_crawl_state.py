@@ -25,7 +25,7 @@ def as_version_1(root):
         "INSERT INTO ledger VALUES (1, '2026-11-20T12:00:00Z', '2026-11-20', 'b', 5, 'list', '200')"
     )
     frontier._db.execute("PRAGMA user_version = 1")
-    frontier.add("video", ["c", ("a", {"channel": 1}), "b"])
+    frontier.add_keys("video", ["c", ("a", {"channel": 1}), "b"])
     frontier.done("video", "c")
     state = root / "killed" / "state"
     state.mkdir(parents=True)

@@ -18,8 +18,8 @@ def open_frontier(root):
 
 def test_items_are_taken_in_the_order_of_adding_and_once(tmp_path):
     frontier = open_frontier(tmp_path)
-    assert frontier.add("video", ["c", "a", ("b", {"channel": 1})]) == 3
-    assert frontier.add("video", ["a", "d"]) == 1
+    assert frontier.add_keys("video", ["c", "a", ("b", {"channel": 1})]) == 3
+    assert frontier.add_keys("video", ["a", "d"]) == 1
     assert [item.key for item in frontier.take("video", 2)] == ["c", "a"]
     assert [(item.key, item.payload) for item in frontier.take("video", 9)] == [
         ("b", {"channel": 1}),
@@ -30,7 +30,7 @@ def test_items_are_taken_in_the_order_of_adding_and_once(tmp_path):
 
 def test_what_was_in_flight_is_asked_again_and_an_error_only_on_request(tmp_path):
     frontier = open_frontier(tmp_path)
-    frontier.add("video", ["a", "b", "c"])
+    frontier.add_keys("video", ["a", "b", "c"])
     frontier.take("video", 3)
     frontier.done("video", "a")
     frontier.error("video", "b", "HTTP 500")
@@ -44,7 +44,7 @@ def test_what_was_in_flight_is_asked_again_and_an_error_only_on_request(tmp_path
 def test_a_failed_transaction_changes_nothing(tmp_path):
     frontier = open_frontier(tmp_path)
     with pytest.raises(RuntimeError), frontier.transaction():
-        frontier.add("video", ["a"])
+        frontier.add_keys("video", ["a"])
         frontier.set_cursor("page", "x")
         raise RuntimeError
     assert (frontier.counts("video"), frontier.cursor("page")) == ({}, None)
@@ -67,7 +67,7 @@ def plan_of(frontier, sql, *values):
 
 def test_adding_a_key_reads_no_other_item(tmp_path):
     frontier = open_frontier(tmp_path)
-    frontier.add("video", ["c", "a", "b"])
+    frontier.add_keys("video", ["c", "a", "b"])
     frontier.done("video", "b")
     # One step into the index, however many items there are, and no sorting afterwards.
     assert plan_of(frontier, module.LAST, "video") == (
@@ -76,14 +76,14 @@ def test_adding_a_key_reads_no_other_item(tmp_path):
     taking = "SELECT key FROM items WHERE kind = ? AND status = 'todo' ORDER BY seq LIMIT 1"
     assert "items_by_status (kind=? AND status=?)" in plan_of(frontier, taking, "video")
     assert "B-TREE" not in plan_of(frontier, taking, "video")
-    assert frontier.add("video", ["d"]) == 1
+    assert frontier.add_keys("video", ["d"]) == 1
     assert [key for key, *_ in frontier.items("video")] == ["c", "a", "b", "d"]
 
 
 def test_what_was_removed_is_in_no_byte_of_any_file(tmp_path):
     frontier = open_frontier(tmp_path)
     keys = [f"key{number:05d}" for number in range(5_000)]
-    frontier.add("video", [(key, {"channel": key}) for key in keys])
+    frontier.add_keys("video", [(key, {"channel": key}) for key in keys])
     frontier.done("video", *keys[::3])
     gone = keys[7::50]
     frontier.remove("video", gone)
@@ -97,9 +97,9 @@ def test_what_was_removed_is_in_no_byte_of_any_file(tmp_path):
 
 def test_replace_leaves_only_the_new_ones_in_their_order(tmp_path):
     frontier = open_frontier(tmp_path)
-    frontier.add("info", ["a", "b", "c"])
+    frontier.add_keys("info", ["a", "b", "c"])
     frontier.done("info", "b")
-    frontier.add("video", ["a"])
+    frontier.add_keys("video", ["a"])
     assert frontier.replace("info", iter(["z", ("b", {"post": "p"})])) == 2
     assert [(item.key, item.payload) for item in frontier.take("info", 9)] == [
         ("z", None),
@@ -139,7 +139,7 @@ def test_a_reason_in_a_services_words_holds_no_secret(tmp_path):
     """A service may repeat the request, and the key in it, in its error."""
     redact.know(["a-very-secret-key"])
     frontier = open_frontier(tmp_path)
-    frontier.add("video", ["a", "b"])
+    frontier.add_keys("video", ["a", "b"])
     frontier.error("video", "a", "Bad request: /videos?id=a&key=a-very-secret-key was refused")
     frontier.skip("video", "b", "no a-very-secret-key")
     frontier.close()

@@ -14,7 +14,7 @@ from kb.store.state.frontier import Frontier
 def state(tmp_path: Path) -> Path:
     path = tmp_path / "state" / "feed.sqlite"
     frontier = Frontier(path)
-    frontier.add("page", ["a"])
+    frontier.add_keys("page", ["a"])
     frontier.set_cursor("round", 7)
     frontier.set_offset("page", "000001", 5)
     frontier.close()
@@ -59,7 +59,7 @@ def use(path: Path) -> None:
 
 def test_a_log_whose_state_was_moved_away_fills_no_new_one(state: Path) -> None:
     frontier = Frontier(state)
-    frontier.add("page", ["b"])  # stands in the log as long as the file is open
+    frontier.add_keys("page", ["b"])  # stands in the log as long as the file is open
     kept = state.with_name(f"{state.name}-wal").read_bytes()
     frontier.close()
     shutil.move(state, state.with_name("away"))
@@ -85,7 +85,7 @@ def test_a_state_that_another_program_holds_says_so(state: Path) -> None:
     try:
         holder.execute("BEGIN IMMEDIATE")
         with pytest.raises(FatalError, match="can't be read: database is locked") as error:
-            frontier.add("page", ["c"])
+            frontier.add_keys("page", ["c"])
         assert "try again in a moment" in error.value.hint
     finally:
         holder.close()

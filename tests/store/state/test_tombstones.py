@@ -14,7 +14,9 @@ from kb.verify.root import verify
 
 
 def reasons(root: Path) -> dict[str, str]:
-    return {row["key"]: row["reason"] for row in tombstones.read(root, "youtube").to_pylist()}
+    return {
+        row["key"]: row["reason"] for row in tombstones.tombstone_rows(root, "youtube").to_pylist()
+    }
 
 
 @pytest.fixture
@@ -22,9 +24,9 @@ def two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
     """Two machines that purged different keys, and one key both, the second machine earlier."""
     mine, other = tmp_path / "mine", tmp_path / "other"
     monkeypatch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
-    tombstones.add(mine, "youtube", [("a", "named"), ("both", "vanished")])
+    tombstones.add_tombstones(mine, "youtube", [("a", "named"), ("both", "vanished")])
     monkeypatch.setenv("KB_NOW", "2026-11-19T12:00:00Z")
-    tombstones.add(other, "youtube", [("b", "vanished"), ("both", "named")])
+    tombstones.add_tombstones(other, "youtube", [("b", "vanished"), ("both", "named")])
     return mine, other
 
 
@@ -39,14 +41,14 @@ def test_merged_roots_have_the_tombstones_of_both(two: tuple[Path, Path]) -> Non
     whole, at = file.read_bytes(), file.stat().st_mtime_ns
     tombstones.unite(mine, "youtube", other)
     assert (file.read_bytes(), file.stat().st_mtime_ns) == (whole, at)
-    assert tombstones.add(mine, "youtube", [("a", "vanished"), ("c", "named")]) == 1
+    assert tombstones.add_tombstones(mine, "youtube", [("a", "vanished"), ("c", "named")]) == 1
     assert tombstones.lift(mine, "youtube", {"a", "b"}, ("vanished",)) == 1
     assert reasons(mine) == {"a": "named", "both": "named", "c": "named"}
 
 
 def test_another_machine_s_file_in_its_place_is_an_error(two: tuple[Path, Path]) -> None:
     mine, other = two
-    tombstones.add(mine, "youtube", [("c", "named")])
+    tombstones.add_tombstones(mine, "youtube", [("c", "named")])
     file = tombstones.path(mine, "youtube")
     shutil.copy(tombstones.path(other, "youtube"), file)
     with pytest.raises(DamagedData, match="has 2 of the 3 tombstones") as error:
@@ -62,14 +64,14 @@ def test_another_machine_s_file_in_its_place_is_an_error(two: tuple[Path, Path])
 
 def test_nothing_is_written_where_nothing_was_purged(tmp_path: Path) -> None:
     assert tombstones.keys(tmp_path, "youtube") == set()
-    assert tombstones.read(tmp_path, "youtube").num_rows == 0
+    assert tombstones.tombstone_rows(tmp_path, "youtube").num_rows == 0
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("how", ["empty", "cut", "binary", "another table", "a folder"])
 def test_a_damaged_file_is_no_empty_one(tmp_path: Path, how: str) -> None:
     """What was purged would come back."""
-    tombstones.add(tmp_path, "youtube", [("v1", "purged"), ("v2", "gone")])
+    tombstones.add_tombstones(tmp_path, "youtube", [("v1", "purged"), ("v2", "gone")])
     first = tombstones.path(tmp_path, "youtube")
     data = first.read_bytes()
     another = pa.BufferOutputStream()
@@ -91,8 +93,8 @@ def test_a_damaged_file_is_no_empty_one(tmp_path: Path, how: str) -> None:
     spoil(first)
     for use in (
         lambda: tombstones.keys(tmp_path, "youtube"),
-        lambda: tombstones.read(tmp_path, "youtube"),
-        lambda: tombstones.add(tmp_path, "youtube", [("v3", "purged")]),
+        lambda: tombstones.tombstone_rows(tmp_path, "youtube"),
+        lambda: tombstones.add_tombstones(tmp_path, "youtube", [("v3", "purged")]),
         lambda: tombstones.unite(tmp_path / "other", "youtube", tmp_path),
     ):
         with pytest.raises(DamagedData, match=f"{first} can't be read") as error:

@@ -30,7 +30,7 @@ def write_comments(place: Path, make_rows: Callable[..., pa.Table]) -> Path:
         with ShardWriter(
             place / name, "reddit/comments", released=True, in_order=True, group_rows=GROUP
         ) as writer:
-            writer.write(rows.slice(at * ROWS // 2, ROWS // 2))
+            writer.add_rows(rows.slice(at * ROWS // 2, ROWS // 2))
     (place / "profile.toml").write_text("name = 'x'\n")
     (place / SUMS).write_text(listed(sorted(place.iterdir())))
     return place

@@ -34,20 +34,20 @@ def test_a_recorded_file_is_verified_until_it_changes(
         key = name.removeprefix("clean/wiki/" if "clean" in name else name[: name.rindex("/") + 1])
         record.write_text(json.dumps({"files": {key: entry}}))
     assert checksums.unverified_size([path]) == 10
-    checksums.check(path)
+    checksums.verify_recorded(path)
     assert checksums.unverified_size([path]) == 0
     path.write_bytes(b"As written")
     os.utime(path, ns=(0, 0))
     with pytest.raises(DamagedData, match="checksum mismatch"):
-        checksums.check(path)
+        checksums.verify_recorded(path)
 
 
 def test_a_file_without_a_record_is_read_as_it_is(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     path.write_bytes(b"x")
     assert checksums.recorded(path) is None
-    checksums.check(path)
+    checksums.verify_recorded(path)
     asked: list[Path] = []
-    checksums.check(path, unrecorded=asked.append)
-    checksums.check(path, unrecorded=asked.append)
+    checksums.verify_recorded(path, unrecorded=asked.append)
+    checksums.verify_recorded(path, unrecorded=asked.append)
     assert asked == [path]

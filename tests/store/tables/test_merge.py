@@ -54,7 +54,7 @@ def test_a_group_larger_than_what_is_read_ahead(
     with_unsorted = tmp_path / "unsorted.parquet"
     more = [(2, 2, 5, 5), (1, 2, 5, 5)]
     with shard_writer.ShardWriter(with_unsorted, CELLS) as writer:
-        writer.write(cells(more))
+        writer.add_rows(cells(more))
     (tmp_path / "out").mkdir()
     made = shard_writer.sorted_shards([*parts, with_unsorted], tmp_path / "out", CELLS)
     read = (
@@ -68,7 +68,7 @@ def test_a_group_larger_than_what_is_read_ahead(
 
 def test_rows_of_a_second_table_by_key() -> None:
     rows = merge.RowsByKey(iter([{"k": 1, "v": "a"}, {"k": 3, "v": "b"}, {"k": 3, "v": "c"}]), "k")
-    assert [[row["v"] for row in rows.of(key)] for key in (0, 1, 2, 3, 4)] == [
+    assert [[row["v"] for row in rows.rows_of(key)] for key in (0, 1, 2, 3, 4)] == [
         [],
         ["a"],
         [],

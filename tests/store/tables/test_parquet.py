@@ -30,7 +30,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Raw data, clean tables, pairs and exports of ten videos."""
     root = tmp_path_factory.mktemp("flips") / "data"
     full_root.make(root)
-    tombstones.add(root, "youtube", [("gone", "named")])
+    tombstones.add_tombstones(root, "youtube", [("gone", "named")])
     return root
 
 
@@ -77,13 +77,13 @@ def test_every_page_has_a_checksum(root: Path, tmp_path: Path) -> None:
     with pytest.raises(DamagedData, match="CRC checksum"):
         parquet.read_table(copy)
     with pytest.raises(DamagedData, match=r"copy\.parquet can't be read"):
-        parquet.check(copy)
+        parquet.verify_files(copy)
 
 
 def test_the_same_rows_give_the_same_bytes(tmp_path: Path) -> None:
     rows = pa.table({"a": ["text"] * 5})
     for name in ("one", "two"):
-        parquet.write(tmp_path / name, rows)
+        parquet.write_file(tmp_path / name, rows)
         assert parquet.read_table(tmp_path / name).equals(rows)
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 

@@ -14,7 +14,7 @@ def test_rows_of_a_key_meet_in_one_bucket_in_their_order(tmp_path: Path) -> None
     with Shuffle(tmp_path, "x", 8) as shuffle:
         for start in range(0, 500, 90):
             part = rows.slice(start, 90)
-            shuffle.write(part, part["key"])
+            shuffle.add_rows(part, part["key"])
     found = 0
     for path in tmp_path.glob("*/x.arrow"):
         with pa.ipc.open_file(str(path)) as file:

@@ -64,7 +64,7 @@ def test_an_error_of_another_cause_stays_what_it_is(tmp_path: Path) -> None:
 def test_state_is_read_where_it_is(tmp_path: Path) -> None:
     path = tmp_path / ODD / "state" / "wiki.sqlite"
     frontier = Frontier(path)
-    frontier.add("pages", ["1"])
+    frontier.add_keys("pages", ["1"])
     frontier.close()
     with state(path) as read:
         assert read.counts("pages") == {"todo": 1}

@@ -69,7 +69,7 @@ def test_files_are_verified_and_pages_as_they_are_read(
     address = server.fill("changed", tmp_path)
     one = opened(server, address)
     with pytest.raises(DamagedData, match=r"s3://changed/profile\.toml can't be read: checksum"):
-        one.read("profile.toml")
+        one.read_file("profile.toml")
     rows = one.dataset(SHARDS)
     assert rows.to_table(filter=pc.field("post_id") == "k0000007").num_rows == 1
     with pytest.raises(DamagedData, match=r"s3://changed.*: .*page"), reading_at(str(one)):
@@ -131,7 +131,7 @@ def test_the_extra_that_an_address_needs_is_named(monkeypatch: pytest.MonkeyPatc
 
 def test_small_files_are_read_whole(server: S3Server, address: str, folder: Path) -> None:
     one = opened(server, address)
-    assert hashlib.sha256(one.read("profile.toml")).hexdigest() == one.sums["profile.toml"]
+    assert hashlib.sha256(one.read_file("profile.toml")).hexdigest() == one.sums["profile.toml"]
     assert one.sizes == {path.name: path.stat().st_size for path in folder.iterdir()}
 
 

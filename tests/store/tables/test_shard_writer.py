@@ -84,7 +84,7 @@ def test_pieces_of_any_size_give_the_same_file(tmp_path: Path) -> None:
     for name, step in (("one", 200_000), ("odd", 33_333)):
         with shard_writer.ShardWriter(tmp_path / name, REJECTED, in_order=True) as writer:
             for start in range(0, rows.num_rows, step):
-                writer.write(rows.slice(start, step))
+                writer.add_rows(rows.slice(start, step))
     assert (tmp_path / "one").read_bytes() == (tmp_path / "odd").read_bytes()
 
 
@@ -93,13 +93,13 @@ def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
         pytest.raises(RuntimeError),
         shard_writer.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer,
     ):
-        writer.write(rejected(["a"]))
+        writer.add_rows(rejected(["a"]))
         raise RuntimeError
     with (
         pytest.raises(SchemaMismatch),
         shard_writer.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer,
     ):
-        writer.write(pa.table({"key": ["a"]}))
+        writer.add_rows(pa.table({"key": ["a"]}))
     assert list(tmp_path.iterdir()) == []
 
 

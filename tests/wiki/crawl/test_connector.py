@@ -433,7 +433,7 @@ def test_unreachable_wiki_is_resumable(make_run, sandbox, tmp_path, monkeypatch)
             crawl(run)
     finally:
         sandbox.servers["wiki"].start()
-    assert not list(rawlog.read(tmp_path, "wiki", "renders"))
+    assert not list(rawlog.envelopes(tmp_path, "wiki", "renders"))
 
 
 def test_another_wiki_needs_another_data_root(whole, run_on):
@@ -498,7 +498,7 @@ def test_purge_leaves_nothing(whole, make_run, sandbox, tmp_path):
     assert b"Net loom" not in b"".join(
         rawlog.encode(e)
         for kind in rawlog.kinds(root, "wiki")
-        for e in rawlog.read(root, "wiki", kind)
+        for e in rawlog.envelopes(root, "wiki", kind)
     )
     kept = [row for row in whole[2]["pages"] if row["page_id"] not in (22, 29)]
     assert tables(run)["pages"] == kept

@@ -119,9 +119,11 @@ def test_a_state_of_before_is_understood(wiki: SmallWiki, run: Run) -> None:
     frontier = Frontier(run.root / "state" / "wiki.sqlite")
     page = {"title": "Alpha", "url": f"{wiki.url}/wiki/Alpha", "revision_id": 10, "round": 1}
     more = {"rendered": [10, "Alpha"], "former": ["Aleph"], "final": None, "gone": False}
-    frontier.add("pages", [("1", page | more), ("2", page | {"title": "Beta", "rendered": None})])
-    frontier.add("info", [("1:Alpha", {"title": "Alpha"}), ("1:Nope", {"title": "Nope"})])
-    frontier.add("files", [("f", {"key": "f", "title": "File:F.png", "src": "f"})])
+    frontier.add_keys(
+        "pages", [("1", page | more), ("2", page | {"title": "Beta", "rendered": None})]
+    )
+    frontier.add_keys("info", [("1:Alpha", {"title": "Alpha"}), ("1:Nope", {"title": "Nope"})])
+    frontier.add_keys("files", [("f", {"key": "f", "title": "File:F.png", "src": "f"})])
     frontier.done("pages", "1", "2")
     frontier.done("info", "1:Alpha")
     frontier.skip("info", "1:Nope", "missing")

@@ -189,7 +189,7 @@ def test_purge_counts_what_it_knows(wiki, run, tmp_path):
     raw = [
         rawlog.encode(envelope).lower()
         for kind in rawlog.kinds(run.root, "wiki")
-        for envelope in rawlog.read(run.root, "wiki", kind)
+        for envelope in rawlog.envelopes(run.root, "wiki", kind)
     ]
     assert not [line for line in raw if b"alpha" in line]  # the way it was asked for, too
     lines = tmp_path / "ids.txt"

@@ -68,7 +68,7 @@ def test_the_newest_answer_counts_and_what_is_gone_does_not(tmp_path: Path) -> N
                       {"ns": 0, "title": "Gone", "pageid": 4, "missing": True})),
     )  # fmt: skip
     removed = [("5", "named"), ("Hidden name", "named")]
-    tombstones.add(tmp_path, "wiki", removed)
+    tombstones.add_tombstones(tmp_path, "wiki", removed)
     assert answers.named_pages(tmp_path) == {
         "Cookbook:Risotto": ("Risotto", (), ("Rice",)),
         "Kiln": ("Kiln", ("Oven",), ()),

@@ -259,7 +259,9 @@ def test_pages_that_went_away_leave_the_tables(root: Path) -> None:
 def test_tombstones_name_a_page_by_id_or_title(root: Path) -> None:
     put(root, "pages", (MONDAY, told(page(7, "Purged"))))
     put(root, "renders", (MONDAY, captured(root, 7, "Purged")))
-    tombstones.add(root, "wiki", [("1", "named"), ("Purged", "named"), ("Nowhere", "moved")])
+    tombstones.add_tombstones(
+        root, "wiki", [("1", "named"), ("Purged", "named"), ("Nowhere", "moved")]
+    )
     for name in ("1", "7"):  # purge takes the captured files as well
         (root / f"raw/wiki/pages/{name}/1/extraction.json.zst").unlink()
     assert run_clean(run_at(root), "wiki")["crawled"] == 6

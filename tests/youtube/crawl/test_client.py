@@ -233,7 +233,7 @@ class Days:
     def sleep(self, seconds: float) -> None:
         with self._lock:
             self.time += timedelta(seconds=max(0.0, seconds))  # as the real one
-        signals.stop.check()
+        signals.stop.raise_if_asked()
 
 
 @pytest.fixture

@@ -150,7 +150,7 @@ def test_a_keyword_without_a_channel_is_named_and_all_without_one_end_the_crawl(
 def test_what_an_earlier_version_dropped_is_asked_for(job: Job) -> None:
     job.stopped(*CRAWL, "--only", "channels", "--limit", "1", code=3)
     frontier = Frontier(job.root / "state" / "youtube.sqlite")
-    frontier.add(VIDEOS, list(job.sandbox.world.youtube.videos)[:1])
+    frontier.add_keys(VIDEOS, list(job.sandbox.world.youtube.videos)[:1])
     lost = {
         kind: [next(iter(frontier.items(kind, "todo")))[0]] for kind in (SEARCHES, UPLOADS, VIDEOS)
     }

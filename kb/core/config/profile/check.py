@@ -74,11 +74,11 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
         return unread(f"the profile {path} is nested too deeply")
     lines = key_lines(text)
     profile, wrong = _understand(data, path)
-    remarks: list[Remark] = [(ERROR, *one) for one in wrong]
+    remarks: list[Remark] = [(ERROR, *problem) for problem in wrong]
     if profile is not None:
         already = {key for key, _, _ in wrong}
         more = [*_meant(profile, data), *(_published(profile) if publishing else ())]
-        remarks += [one for one in more if one[1] not in already]
+        remarks += [remark for remark in more if remark[1] not in already]
     findings = [
         Finding(level, path.name, line_of(lines, key), key, what, fix)
         for level, key, what, fix in remarks
@@ -86,7 +86,7 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
     section = data.get("pairs")
     names = section.get("keyword_files") if isinstance(section, dict) else None
     listed = names if isinstance(names, list) else []
-    lists = tuple(one for one in listed if isinstance(one, str) and lies_beside(one, ".tsv"))
+    lists = tuple(name for name in listed if isinstance(name, str) and lies_beside(name, ".tsv"))
     return Checked(profile, lists, findings)
 
 
@@ -104,9 +104,9 @@ def _understand(data: dict[str, Any], path: Path) -> tuple[Profile | None, list[
         try:
             return Profile(**data, path=path.resolve()), list(wrong.values())
         except ValidationError as error:
-            for one in problems(error, Profile):
-                wrong.setdefault(one[0], one)
-            removed = [_removed(data, one["loc"]) for one in error.errors(include_url=False)]
+            for problem in problems(error, Profile):
+                wrong.setdefault(problem[0], problem)
+            removed = [_removed(data, detail["loc"]) for detail in error.errors(include_url=False)]
             if not any(removed):
                 return None, list(wrong.values())
 
@@ -234,18 +234,15 @@ def _own_name(profile: Profile) -> Iterator[Remark]:
                 yield WARNING, "title", what, "cards and reports bear it: write your domain's own"
 
 
-def _subjects(one: Profile, other: Profile) -> Iterator[tuple[str, Any, Any]]:
+def _subjects(profile: Profile, other: Profile) -> Iterator[tuple[str, Any, Any]]:
     """What a domain is about, where both profiles say it."""
-    yield "title", one.title, other.title
+    yield "title", profile.title, other.title
     for name in SOURCES:
-        mine, theirs = getattr(one, name), getattr(other, name)
+        mine, theirs = getattr(profile, name), getattr(other, name)
         if mine is not None and theirs is not None and mine.subject:
-            about = (getattr(section, mine.subject) for section in (mine, theirs))
-            yield f"{name}.{mine.subject}", *(_folded(value) for value in about)
-
-
-def _folded(value: Any) -> Any:
-    return value.casefold() if isinstance(value, str) else value
+            about = [getattr(section, mine.subject) for section in (mine, theirs)]
+            own, other_own = (v.casefold() if isinstance(v, str) else v for v in about)
+            yield f"{name}.{mine.subject}", own, other_own
 
 
 # -- on which line of a TOML text a key stands; tomllib does not say -----------------------------

@@ -169,7 +169,9 @@ def _key(key: str, field: FieldInfo, known: Mapping[str, Any]) -> Iterator[str]:
 def _allowed(field: FieldInfo, value: Any) -> str:
     """The limits of a value, or the words that it is one of."""
     if typing.get_origin(field.annotation) is typing.Literal:
-        return "one of " + ", ".join(json.dumps(one) for one in typing.get_args(field.annotation))
+        return "one of " + ", ".join(
+            json.dumps(choice) for choice in typing.get_args(field.annotation)
+        )
     if isinstance(value, dict) and value:
         return "change all of these lines or none"
     lines = []
@@ -196,11 +198,13 @@ def _example(field: FieldInfo) -> Any:
 def _toml(value: Any) -> str:
     if isinstance(value, BaseModel):
         values = value.model_dump(exclude_none=True)
-        return "{ " + ", ".join(f"{name} = {_toml(one)}" for name, one in values.items()) + " }"
+        return "{ " + ", ".join(f"{name} = {_toml(entry)}" for name, entry in values.items()) + " }"
     if isinstance(value, (list, tuple)):
-        inner = [_toml(one) for one in value]
+        inner = [_toml(entry) for entry in value]
         line = f"[{', '.join(inner)}]"
-        return line if len(line) <= 70 else "[\n" + "".join(f"  {one},\n" for one in inner) + "]"
+        return (
+            line if len(line) <= 70 else "[\n" + "".join(f"  {entry},\n" for entry in inner) + "]"
+        )
     if isinstance(value, (str, bool)):
         return json.dumps(value, ensure_ascii=False)
     return str(value)

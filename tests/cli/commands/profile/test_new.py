@@ -15,7 +15,7 @@ from kb.core.config.profile.check import check_file
 from kb.core.config.profile.new import KEYWORDS, profile_text
 from kb.core.config.section import ERROR
 from kb.core.installation import folder
-from kb.pairs.keywords import NEVER, Keyword, read
+from kb.pairs.keywords import NEVER, Keyword, read_keywords
 from tests.cli.commands.profile.conftest import (
     ERRORS,
     GOOD,
@@ -240,7 +240,7 @@ def test_the_list_says_what_its_reader_does(tmp_path: Path) -> None:
     path = tmp_path / "keywords.tsv"
     text = KEYWORDS.replace("FILL-IN\tkind\n", rows + "Soil\tthing\tnever\nPeat\tthing\tnear:30\n")
     path.write_text(text, encoding="utf-8-sig")  # as an editor of Windows saves it
-    assert read(path, 20) == [
+    assert read_keywords(path, 20) == [
         Keyword("Secateurs", "tool", None, ("pruning shears", "pruners")),
         Keyword("Bed", "place", 20, ("flower bed",)),
         Keyword("Soil", "thing", NEVER),

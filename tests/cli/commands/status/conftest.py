@@ -19,11 +19,11 @@ def root(tmp_path: Path) -> Path:
 
 def fill(root: Path) -> None:
     frontier = Frontier(root / "state" / "youtube.sqlite")
-    frontier.add("metadata", ["a", "b", "c", "d"])
+    frontier.add_keys("metadata", ["a", "b", "c", "d"])
     frontier.take("metadata", 3)
     frontier.done("metadata", "a")
     frontier.error("metadata", "b", "http 500")
-    frontier.add("transcripts", ["a"])
+    frontier.add_keys("transcripts", ["a"])
     frontier.spend("general", 1, "videos.list", day="2026-11-20")
     frontier.spend("general", 1, "videos.list", day="2026-11-20")
     frontier.spend("search", 1, "search.list", day="2026-11-19")

@@ -52,7 +52,7 @@ def test_beside_a_running_crawl(kb: Any, root: Path) -> None:
     with writer(root, "youtube"):
         frontier = Frontier(root / "state" / "youtube.sqlite")
         with frontier.transaction():
-            frontier.add("metadata", ["e"])
+            frontier.add_keys("metadata", ["e"])
             source = status(kb)["sources"]["youtube"]
             assert source["running_pid"] == os.getpid()
             assert source["phases"]["metadata"]["total"] == 4

@@ -20,7 +20,7 @@ def passages(root: Path, url: str) -> Iterator[Passage]:
         key, title, date = row["question_id"], plain(row["title"]), day(row["created_at"])
         there = f"{url}/questions/{key}"
         yield Passage("question", f"q{key}", key, title, plain(row["body"]), there, date)
-        for answer in answers.of(key):
+        for answer in answers.rows_of(key):
             at, body = answer["answer_id"], plain(answer["body"])
             yield Passage("answer", f"a{at}", key, title, body, f"{there}#{at}", date)
 
