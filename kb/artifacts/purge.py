@@ -427,17 +427,18 @@ def kept(purge: Purge) -> Iterator[PurgeLine]:
     with manifest.editing(purge.root, *sorted(names)):
         yield from _rows(purge, locations)
         for name in chosen:
-            for listed in PUBLISHED[name.partition("/")[2]].lists:
-                _drop_lines(purge.root / name / listed, purge.keys)
+            _drop_described(purge.root / name, PUBLISHED[name.partition("/")[2]].lists, purge.keys)
 
 
-def _drop_lines(path: Path, keys: Collection[str]) -> None:
-    """Write a list of ids without these."""
-    if path.is_file():
-        lines = path.read_text(encoding="utf-8").splitlines()
-        left = [line for line in lines if line not in keys]
-        if len(left) < len(lines):
-            write_bytes(path, "".join(f"{line}\n" for line in left).encode())
+def _drop_described(folder: Path, lists: Collection[str], keys: Collection[str]) -> None:
+    """Write lists of ids without these, and remove what `kb release` wrote about all rows."""
+    for path in folder.iterdir():
+        if path.name in lists:
+            lines = path.read_text(encoding="utf-8").splitlines()
+            left = (f"{line}\n" for line in lines if line not in keys)
+            write_bytes(path, "".join(left).encode())
+        elif path.suffix != ".parquet":
+            path.unlink()
 
 
 def _rows(purge: Purge, locations: Iterable[RowLocation]) -> Iterator[PurgeLine]:

@@ -1,5 +1,6 @@
 """A released draw: what others have of it, draw again and load."""
 
+import json
 import shutil
 from collections import Counter
 from collections.abc import Iterator
@@ -125,3 +126,34 @@ def test_every_loader_reads_each_split_alone(drawn: Job, own: str, tmp_path: Pat
         assert part["pair_id"] == wanted
         records = loaded.records("draw", filters={"draw/split": split})
         assert sorted(one["draw/pair_id"].decode() for one in records) == sorted(wanted)
+
+
+def test_a_purge_takes_rows_out_and_draws_none_anew(copy: Job) -> None:
+    folder = copy.root / "release" / "draw"
+    before = table(folder, *SPLITS)
+    gone = before[0]["video_id"]
+    (copy.place / "ids.txt").write_text(f"{gone}\n")
+    copy.done("purge", "youtube", "--ids", "ids.txt")
+    left = [row for row in before if row["video_id"] != gone]
+    assert table(folder, *SPLITS) == left
+    assert gone not in (folder / "videos.txt").read_text()
+    copy.done("release")
+    card = (folder / "README.md").read_text()
+    assert f"{len(left):,} rows" in card
+    assert copy.kb("verify").returncode == 0
+    assert gone not in json.dumps(
+        [row["video_id"] for row in table(copy.root / "release" / "draw-small", *SPLITS)]
+    )
+
+
+def test_a_draw_of_other_pairs_is_left_out_until_it_is_drawn_again(copy: Job) -> None:
+    copy.profile(("max_pairs_per_video = 0", "max_pairs_per_video = 3"))
+    copy.done("pairs")
+    said = copy.kb("release")
+    assert said.returncode == 0, said.stderr
+    assert "release/draw is left out, as it is out of date: release/pairs" in said.stderr
+    most = copy.rows("SELECT count(*) AS n FROM release.pairs")[0]["n"]
+    for name in ((), ("--name", "small")):
+        copy.done("pairs", "draw", str(min(40, most)), "--release", *name)
+    said = copy.kb("release")
+    assert "left out" not in said.stderr
