@@ -382,8 +382,9 @@ def _restored(root: Path) -> Iterator[View]:
         if declared.source in SOURCES and name not in listed:
             yield from _view("restored", name, place, "*.parquet", declared.doc, root, links)
     yield from reconstructed
-    doc = table("pairs/pairs").doc
-    yield from _view("restored", "pairs", at.restored("pairs"), "*.parquet", doc, root, links)
+    for name in ("pairs", "draw"):
+        doc = table(f"{name}/{name}").doc
+        yield from _view("restored", name, at.restored(name), "*.parquet", doc, root, links)
     doc = table("shared/missing").doc
     yield from _view("restored", "missing", at.restored(), "missing.parquet", doc, root, links)
 

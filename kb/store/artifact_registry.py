@@ -180,6 +180,7 @@ def _kept() -> Iterator[Artifact]:
     yield Artifact("labels", (), "kb label import", "labels", ("labels/labels",))
     yield Artifact("restored", (), "kb restore", "restored")  # its lists of missing ids
     yield Artifact("restored/pairs", (), "kb restore", "restored", ("pairs/pairs",))
+    yield Artifact("restored/draw", (), "kb restore", "restored", ("draw/draw",))
     reconstruct = ("raw/reddit",), "kb reddit reconstruct", "reconstructed"
     yield Artifact("export/reconstructed", *reconstruct, public=True)
 

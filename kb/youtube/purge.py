@@ -131,6 +131,7 @@ RULES = PurgeRules(
         ),
         RowLocation(str(BELOW.restored("youtube")), "shared/missing", "key"),
         RowLocation(str(BELOW.restored("pairs")), "pairs/pairs", "video_id"),
+        RowLocation(str(BELOW.restored("draw")), "draw/draw", "video_id"),
     ),
     items=(
         *(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS),

@@ -157,3 +157,18 @@ def test_a_draw_of_other_pairs_is_left_out_until_it_is_drawn_again(copy: Job) ->
         copy.done("pairs", "draw", str(min(40, most)), "--release", *name)
     said = copy.kb("release")
     assert "left out" not in said.stderr
+
+
+def test_restore_fills_the_texts_of_a_draw_alone(drawn: Job, tmp_path: Path) -> None:
+    releases = [str(drawn.root / "release" / name) for name in ("draw", "pairs")]
+    job = Job(drawn.sandbox, tmp_path)
+    assert "pairs" in job.stopped("restore", releases[0], code=2)
+    job.done("restore", *releases, "--only", "draw")
+    rows = {row["pair_id"]: row for row in job.rows("SELECT * FROM restored.draw")}
+    wanted = {row["pair_id"]: row for row in table(Path(releases[0]), *SPLITS)}
+    assert rows.keys() == wanted.keys()
+    texts = {row["pair_id"]: row["text"] for row in drawn.rows("SELECT * FROM clean.pairs")}
+    for key, row in rows.items():
+        assert row == {**wanted[key], "text": texts[key]}
+    videos = {row["video_id"] for row in job.rows("SELECT video_id FROM restored.youtube_videos")}
+    assert videos == {row["video_id"] for row in wanted.values()}
