@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -35,12 +35,12 @@ from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, w
 from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absent
 from kb.artifacts.purge_raw import AnswerRules, Matcher, Names
 from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
+from kb.artifacts.purge_selections import drop_described, locations_in, selected_from
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import PUBLISHED
 from kb.store import lock
-from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of, selections
+from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of
 from kb.store.atomic import remove_path, write_bytes
 from kb.store.damage import read_note
 from kb.store.layout import BELOW, Layout
@@ -393,12 +393,6 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
     index.remove(root, rules.source)  # one in the user's cache as well
 
 
-def selected_from(root: Path, source: str) -> list[str]:
-    """The selections of rows that are made of a source, as artifacts."""
-    names = (f"release/{name}" for name in selections(root))
-    return [name for name in names if source in sources_of(name)]
-
-
 def _behind_links(folder: Path, files: Iterable[str]) -> list[Path]:
     """Those of an artifact's files that lie elsewhere, as a folder in it was moved to another disk
     and is a link now: they do not go with the folder.
@@ -411,11 +405,7 @@ def kept(purge: Purge) -> Iterator[PurgeLine]:
     """Rows of tables that can't be made again."""
     locations = [one for one in purge.rules.rows if not _is_derived(one)]
     chosen = selected_from(purge.root, purge.rules.source)
-    locations += [
-        RowLocation(name, declared, "video_id")
-        for name in chosen
-        for declared in ARTIFACTS[name].tables
-    ]
+    locations += locations_in(chosen)
     if purge.dry:
         yield from _rows(purge, locations)
         return
@@ -427,18 +417,7 @@ def kept(purge: Purge) -> Iterator[PurgeLine]:
     with manifest.editing(purge.root, *sorted(names)):
         yield from _rows(purge, locations)
         for name in chosen:
-            _drop_described(purge.root / name, PUBLISHED[name.partition("/")[2]].lists, purge.keys)
-
-
-def _drop_described(folder: Path, lists: Collection[str], keys: Collection[str]) -> None:
-    """Write lists of ids without these, and remove what `kb release` wrote about all rows."""
-    for path in folder.iterdir():
-        if path.name in lists:
-            lines = path.read_text(encoding="utf-8").splitlines()
-            left = (f"{line}\n" for line in lines if line not in keys)
-            write_bytes(path, "".join(left).encode())
-        elif path.suffix != ".parquet":
-            path.unlink()
+            drop_described(purge.root, name, purge.keys)
 
 
 def _rows(purge: Purge, locations: Iterable[RowLocation]) -> Iterator[PurgeLine]:

@@ -19,9 +19,9 @@ from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier
 from kb.store.tables import reading
-from kb.youtube.crawl.connector import words_of
 from kb.youtube.crawl.fetch import PACK
 from kb.youtube.crawl.ids import RULES, sorted_by_form
+from kb.youtube.crawl.phases import words_of
 from kb.youtube.crawl.quota import GENERAL, SEARCH, quota
 from kb.youtube.crawl.reduce import (
     CHANNELS,

@@ -13,7 +13,7 @@ used side by side.
 import logging
 import threading
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -40,15 +40,15 @@ from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
 from kb.store.tables.columns import newest
 from kb.youtube.crawl.client import FINAL, GOOGLE
-from kb.youtube.crawl.fetch import PACK, YouTubeFetcher
+from kb.youtube.crawl.fetch import YouTubeFetcher
 from kb.youtube.crawl.ids import RULES, sorted_by_form
-from kb.youtube.crawl.quota import API, GENERAL, SEARCH, WEB, quota
+from kb.youtube.crawl.phases import PHASES, chosen_phases, words_of
+from kb.youtube.crawl.quota import API, WEB, quota
 from kb.youtube.crawl.reduce import (
     BEYOND,
     CHANNELS,
     ELSEWHERE,
     PAYLOADS,
-    PLAYLIST_FACTS,
     PLAYLIST_SEARCHES,
     PLAYLISTS,
     RAW_INFO,
@@ -109,11 +109,6 @@ def extend(frontier: Frontier, profile: YouTubeSection, mine: Callable[[str], bo
         frontier.add_keys(kind, [(search_key(word, None), SearchItem(word)) for word in words])
     channels = (key for key, *_ in frontier.items(CHANNELS) if mine(key))
     frontier.add_keys(UPLOADS, [(key, ListPlace(uploads_list(key, profile))) for key in channels])
-
-
-def words_of(profile: YouTubeSection) -> dict[str, tuple[str, ...]]:
-    """The words of each kind of search."""
-    return {SEARCHES: profile.keywords, PLAYLIST_SEARCHES: profile.playlist_keywords}
 
 
 def new_round(frontier: Frontier) -> None:
@@ -189,54 +184,9 @@ def _newest_counts(root: Path) -> pa.Table:
     return newest(pa.concat_tables(tables).select(names), ("video_id",), ("fetched_at",))
 
 
-PLAYLISTS_READ = Phase(
-    kind=PLAYLIST_FACTS,
-    unit="playlists",
-    name="playlist titles",
-    batch=PACK,
-    packed=True,
-    service=API,
-    bucket=GENERAL,
-)
-PHASES = (
-    Phase(
-        kind=VIDEOS,
-        unit="videos",
-        name="metadata",
-        feeds=(TRANSCRIPTS,),
-        batch=PACK,
-        packed=True,
-        service=API,
-        bucket=GENERAL,
-    ),
-    Phase(kind=UPLOADS, unit="pages", feeds=(VIDEOS,), service=API, bucket=GENERAL),
-    Phase(kind=PLAYLISTS, unit="pages", feeds=(VIDEOS,), service=API, bucket=GENERAL),
-    PLAYLISTS_READ,
-    Phase(kind=SEARCHES, unit="pages", feeds=(UPLOADS,), service=API, bucket=SEARCH),
-    Phase(
-        kind=PLAYLIST_SEARCHES,
-        unit="pages",
-        name="playlist searches",
-        feeds=(PLAYLISTS,),
-        service=API,
-        bucket=SEARCH,
-    ),
-    # So many that fail one after the other are the site's trouble, not the videos'.
-    Phase(kind=TRANSCRIPTS, unit="videos", workers=4, down=6, service=WEB),
-)
 PART = "part"  # cursor: the share that the last run had
 Worth = Callable[[pa.Table], "pa.Array[Any]"]
 """Which assembled videos are worth asking for their transcript."""
-
-# By the word of --only: its kinds, of which --limit counts the last one.
-ONLY: dict[str, tuple[str, ...]] = {
-    "channels": (SEARCHES,),
-    "playlists": (PLAYLIST_SEARCHES, PLAYLIST_FACTS, PLAYLISTS),
-    "uploads": (UPLOADS,),
-    "metadata": (VIDEOS,),
-    "transcripts": (TRANSCRIPTS,),
-}
-_BY_ID = {VIDEOS, TRANSCRIPTS, PLAYLISTS, PLAYLIST_FACTS}
 
 
 def crawl(
@@ -310,7 +260,7 @@ class YouTubeConnector(Connector):
         self.phases = [
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
-        self.chosen = _chosen(self.phases, only, ids)
+        self.chosen = chosen_phases(self.phases, only, ids)
         self._known = RULES.some_ids_in(ids, run.progress.say) if ids else None
         self._wanted, self._mine, self._part = wanted, share(part), list(part or ())
         self.counts: Counter[str] = Counter()
@@ -464,14 +414,3 @@ class YouTubeConnector(Connector):
         if error is not None:
             error.summary = summary
             raise error
-
-
-def _chosen(phases: Sequence[Phase], only: str | None, ids: Path | None) -> list[Phase]:
-    """The phases of a run; `--limit` counts videos, or what the one phase handles."""
-    kinds = _BY_ID if ids else {phase.kind for phase in phases}
-    if only:
-        kinds = {*ONLY[only]}
-    counted = ONLY[only][-1] if only else VIDEOS
-    return [
-        replace(phase, limited=phase.kind == counted) for phase in phases if phase.kind in kinds
-    ]

@@ -35,8 +35,9 @@ from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.store.state.frontier import ROUND, Frontier, going_on
 from kb.youtube.crawl import quota
-from kb.youtube.crawl.connector import PHASES, PLAYLISTS_READ, YouTubeConnector
+from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.fetch import PACK
+from kb.youtube.crawl.phases import PHASES, PLAYLISTS_READ
 from kb.youtube.crawl.reduce import (
     PLAYLIST_FACTS,
     PLAYLISTS,
