@@ -129,7 +129,7 @@ class Catalog:
         for folder in self.releases:
             folder.require_tables()
         if is_root(self.path):
-            for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "labels"):
+            for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "films", "labels"):
                 manifest.check_complete(self.path, name)
 
     @cached_property
@@ -311,11 +311,11 @@ def bare(views: Iterable[View]) -> dict[str, View]:
 
 
 def view_name(declared: Table) -> str:
-    """The view's name of a declared table: "youtube_videos", "pairs_quality"; "pairs", "entities"
-    and "links" bear their own names.
+    """The view's name of a declared table: "youtube_videos", "pairs_quality"; "pairs", "entities",
+    "links", "shots" and "film_figures" bear their own names.
     """
     source = declared.source.replace("-", "_")
-    own = declared.short == source or declared.name == "links/entities"
+    own = declared.short == source or declared.name == "links/entities" or source == "films"
     return declared.short if own else f"{source}_{declared.short}"
 
 
@@ -330,7 +330,7 @@ def _clean(root: Path) -> Iterator[View]:
         return
     at = Layout(root)
     for declared in tables().values():
-        if declared.source in (*PUBLISHED, "labels") and declared.source != "links":
+        if declared.source in (*PUBLISHED, "films", "labels") and declared.source != "links":
             name, place = view_name(declared), at.table(declared.name)
             pattern = rows_pattern(declared.name)
             yield from _view("clean", name, place, pattern, declared.doc, root, links=True)

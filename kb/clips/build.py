@@ -63,13 +63,15 @@ _COLUMNS = "pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, 
 
 class Chosen(NamedTuple):
     """Which pairs: of a keyword, of a file with `pair_id`, by a condition in DuckDB's SQL on the
-    columns of pairs and quality (or of the file), a sample of so many.
+    columns of pairs and quality (or of the file), a sample of so many. `within_shot`: those whose
+    film was seen, and of each clip the stretch without a cut.
     """
 
     keyword: str = ""
     pairs: Path | None = None
     where: str = ""
     sample: int | None = None
+    within_shot: bool = False
 
 
 class Selection(NamedTuple):
@@ -186,7 +188,7 @@ def selected(
             raise UsageError(f"--videos {folder} is not a folder")
     freshness.refuse(run, "pairs")
     catalog = table_catalog.read_catalog(run.root)
-    asked = asking(catalog, chosen.pairs, chosen.where)
+    asked = asking(catalog, chosen.pairs, chosen.where, within_shot=chosen.within_shot)
     values = {
         "keyword": chosen.keyword,
         "seed": str(run.seed),

@@ -19,15 +19,16 @@ import pytest
 
 from tests.conftest import needs
 
-needs("av", "torch", "transformers")
+needs("av", "cv2", "scenedetect", "torch", "transformers")
 
 import kb  # noqa: E402
 from kb.core.config.profile import load_profile  # noqa: E402
 from kb.core.installation import torch  # noqa: E402
 from kb.sandbox.youtube.films import drawn, timeline, write_film  # noqa: E402
-from kb.score.build import area, scores_of, section  # noqa: E402
+from kb.score.build import area, section  # noqa: E402
 from kb.score.models import model_name  # noqa: E402
 from tests.inprocess import Here  # noqa: E402
+from tests.score.seen import scored  # noqa: E402
 from tests.youtube.ytdlp import folder as ytdlp  # noqa: E402
 
 WORDS = "and you to about it so that than day was up more because not now time once ask"
@@ -74,7 +75,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_similarity_margin_and_offset_are_those_of_the_film(film: Path) -> None:
     rows = [pair("Creeper", 20), pair("Skeleton", 60), pair("Enderman", 86), pair("Creeper", 120)]
-    found = {one.pair_id: one for one in scores_of(film, rows, Colours())}
+    found = {one.pair_id: one for one in scored(film, rows, Colours())}
     assert found.keys() == {"Creeper 20", "Skeleton 60", "Enderman 86"}  # the film has 90 s
     right, late = found["Creeper 20"], found["Skeleton 60"]
     assert (right.best_offset_s, late.best_offset_s) == (0, 6)
@@ -87,7 +88,7 @@ def test_static_share_counts_neighbouring_frames_that_hardly_differ(tmp_path: Pa
     """A picture that changes each second in the first half of the clip, and stays in the second."""
     pictures = [(2 * s, (("Creeper",), ("Skeleton",))[s % 2] if s < 44 else ()) for s in range(60)]
     write_film(tmp_path / "a.mp4", [*pictures, (119, ())])
-    (one,) = scores_of(tmp_path / "a.mp4", [pair("Creeper", 44, 16)], Colours())
+    (one,) = scored(tmp_path / "a.mp4", [pair("Creeper", 44, 16)], Colours())
     assert one.static_share == pytest.approx(7 / 15, abs=0.001)
 
 

@@ -164,7 +164,15 @@ def draw(
 )
 def score(
     run: Run,
-    videos: Films,
+    videos: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--videos",
+            metavar="DIR",
+            help="A folder with video files; may be given repeatedly. Without it scores are"
+            " computed of what is stored of films.",
+        ),
+    ] = None,
     pairs: OnlyPairs = None,
     model: Annotated[
         Path | None,
@@ -183,16 +191,17 @@ def score(
     """Score how well clips show what texts say, with a CLIP model and your own video files.
 
     Writes pairs/scores-*.parquet: similarity, margin over the texts of other clips of the video,
-    the offset at which the picture fits best, and the share of static frames. pairs/measures.json
+    the offset at which the picture fits best, and the share of static frames; films/*.parquet: the
+    shots of each film, and cuts and motion within each clip. Each film is decoded once; what was
+    seen of it is kept in annotations/films, so films may go afterwards. pairs/measures.json
     and the card get their distribution and, where people judged pairs, what share of them shows
     what is named at each score, which is printed too, a row for each of ten bins. A run that was
-    stopped resumes, and what the same model scored before is not scored again. Lorecrawl downloads
-    no video.
+    stopped resumes, and a film that was seen is not decoded again. Lorecrawl downloads no video.
     """
     from kb.clips.build import Chosen
     from kb.score.build import score as scored
 
-    folders = [folder.expanduser() for folder in videos]
+    folders = [folder.expanduser() for folder in videos or ()]
     summary = scored(run, folders, model, Chosen("", pairs, "", sample), str(device))
     seen = summary["visible"]
     if not seen["judged"]:
@@ -325,7 +334,17 @@ class FrameFit(StrEnum):
     clips_app,
     uses=("workers",),
     json="pairs, clips, missing, short, undecodable, film_differs, videos, unknown_length, path",
-    planned=("videos", "keyword", "pairs", "where", "sample", "size", "frames", "format"),
+    planned=(
+        "videos",
+        "keyword",
+        "pairs",
+        "where",
+        "sample",
+        "within_shot",
+        "size",
+        "frames",
+        "format",
+    ),
     data="reads",
     records=True,
     examples=[
@@ -371,6 +390,13 @@ def clips(
     sample: Annotated[
         int | None, typer.Option("--sample", min=1, metavar="N", help="Random sample of N pairs.")
     ] = None,
+    within_shot: Annotated[
+        bool,
+        typer.Option(
+            "--within-shot",
+            help="Of each clip only the stretch without a cut, as `kb pairs score` has seen it.",
+        ),
+    ] = False,
     plan: Plan = False,
 ) -> Summary:
     """Cut the clips of pairs out of video files that you have.
@@ -393,7 +419,7 @@ def clips(
         run.profile.clips.jpeg_quality,
     )
     folders = [folder.expanduser() for folder in videos]
-    chosen = build.Chosen(keyword, pairs, where, sample)
+    chosen = build.Chosen(keyword, pairs, where, sample, within_shot)
     if plan:
         return build.plan(run, folders, options, chosen)
     return build.build(run, folders, out, options, chosen)

@@ -243,6 +243,7 @@ WORDS: dict[str, Word] = {
     "rejected_tasks": Word("Tasks that were rejected.", "{n} rejected", always=True),
     "reworded_tasks": Word("Tasks that got a better wording.", "{n} reworded", always=True),
     "labels": Word("Answers in labels/ now.", "{n} labels in all"),
+    "merge.films": Word("Files of what was seen of films that were new or grew.", "{n} of films"),
     "merge.labels": Word("Answers of people that were new.", "{n} labels"),
     "skipped": Word("Judgements that people skipped or left empty.", "{n} skipped"),
     "no_result": Word(
