@@ -186,6 +186,45 @@ def test_every_pair_is_scored_or_counted(place: Path, here: Here) -> None:
     assert here("purge", "youtube", "--ids", str(place / "ids.txt"), *at).code == 0
     assert scores(place)["video_id"].to_pylist() == ["alpha000002"]
     assert not (place / "data/state/scores/alpha000001.json").exists()
+    assert [path.name for path in (place / "data/annotations/films").iterdir()] == ["alpha000002"]
+    for name in ("shots", "film_figures"):
+        rows = pq.read_table(place / "data" / "films" / f"{name}-00000-of-00001.parquet")
+        assert set(rows["video_id"].to_pylist()) == {"alpha000002"}
+
+
+def test_films_may_go_when_they_were_seen(place: Path, here: Here) -> None:
+    """Scores and figures are computed of what is stored, here and where roots are merged."""
+    at = ("--profile", str(place / "profile.toml"), "--data")
+    scoring = ("pairs", "score", "--model", str(place / "small.pt"), "--workers", "1")
+    data, other = place / "data", shutil.copytree(place / "data", place / "other")
+    made = [f"{name}-00000-of-00001.parquet" for name in ("shots", "film_figures")]
+    one, all_ = place / "one", place / "films"
+    one.mkdir()
+    (one / "alpha000001.mp4").symlink_to(all_ / "alpha000001.mp4")
+    assert here(*scoring, "--videos", str(all_), *at, str(data)).code == 0
+    assert here(*scoring, "--videos", str(one), *at, str(other)).code == 0
+    whole = [(data / "films" / name).read_bytes() for name in made], scores(place)
+    shutil.rmtree(data / "state" / "scores")  # which would spare the computing
+    assert here(*scoring, *at, str(data)).code == 0
+    assert ([(data / "films" / name).read_bytes() for name in made], scores(place)) == whole
+    # What another machine has seen comes by a merge, and only once.
+    for files in (2, 0):
+        done = here("merge", str(data), "--json", *at, str(other))
+        assert done.code == 0, done.err
+        assert json.loads(done.out.splitlines()[-1])["films"] == files
+    assert here(*scoring, *at, str(other)).code == 0
+    table = other / "pairs" / "scores-00000-of-00001.parquet"
+    assert pq.read_table(table) == whole[1]
+    drawn_ = ("pairs", "draw", "3", "--where", "cuts = 0 AND dark_share < 1 AND static_share >= 0")
+    assert here(*drawn_, "--out", str(place / "d"), *at, str(data)).code == 0
+    cutting = ("clips", "--videos", str(all_), "--within-shot", "--out", str(place / "c"))
+    done = here(*cutting, *at, str(data))
+    assert done.code == 0, done.err
+    vectors = next((data / "annotations" / "films").glob("*/small@*.npz"))
+    vectors.write_bytes(vectors.read_bytes()[:-9])
+    shutil.rmtree(data / "state" / "scores")
+    done = here(*scoring, *at, str(data))
+    assert (done.code, vectors.name in done.said) == (1, True)
 
 
 def test_lost_scores_come_back_without_the_films(place: Path, here: Here) -> None:
