@@ -15,6 +15,6 @@ def report_needs(run: Run) -> None:
     build.check_extra()
 
 
-def report(run: Run, out: Path | None = None) -> Summary:
-    """clean/, pairs/, tasks/ and links/ → report/, or `out`."""
-    return build.report(run, PUBLISHED, out)
+def report(run: Run, out: Path | None = None, figures: bool = False) -> Summary:
+    """clean/, pairs/, tasks/ and links/ → report/, or `out`, with PDFs and clouds if `figures`."""
+    return build.report(run, PUBLISHED, out, figures)

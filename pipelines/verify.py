@@ -37,12 +37,12 @@ def repair(run: Run) -> tuple[Findings, list[str]]:
     Raises WriterLocked, DiskFull, Interrupted.
     """
     with lock.taking(run.root, *lock.ORDER):  # which clears what killed commands left
-        found = look_at(run.root, run.progress)
-        lines = set_aside(run.root, found)
-        for source in lost_sources(run.root, found):
+        findings = look_at(run.root, run.progress)
+        lines = set_aside(run.root, findings)
+        for source in lost_sources(run.root, findings):
             lines += _replay(run, source)
-        lines += _make_again(run, found)
-        left = look_at(run.root, run.progress) if found.entries else found
+        lines += _make_again(run, findings)
+        left = look_at(run.root, run.progress) if findings.entries else findings
         if captured := sidefiles.suspects(run.root):
             lines.append(f"`kb {CAPTURED} crawl` fetches {len(captured):,} captured files again")
         return left, [*lines, *_refused(run)]
@@ -75,8 +75,8 @@ def _take_over_ledger(frontier: Frontier, damaged: Path) -> str:
         return f"what was spent can't be read from {damaged}: a quota may be used up sooner"
 
 
-def _make_again(run: Run, found: Findings) -> Iterator[str]:
-    damaged = damaged_artifacts(run.root, found)
+def _make_again(run: Run, findings: Findings) -> Iterator[str]:
+    damaged = damaged_artifacts(run.root, findings)
     for name, foreign in damaged.items():
         if foreign is not None:
             yield f"{name} was left: move {foreign} away, then run `kb build`"

@@ -17,9 +17,9 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
     return release_build.release(run, PUBLISHED, only)
 
 
-def report(run: Run, out: Path | None = None) -> Summary:
+def report(run: Run, out: Path | None = None, figures: bool = False) -> Summary:
     """As pipelines/report.py."""
-    return report_build.report(run, PUBLISHED, out)
+    return report_build.report(run, PUBLISHED, out, figures)
 
 
 def export(run: Run, name: str, layout: str = "parquet", **options: Any) -> Summary:

@@ -1,14 +1,14 @@
 """Questions that a release answers, asked of its rows for the card."""
 
-import contextlib
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import duckdb
 from duckdb import DuckDBPyConnection
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.artifacts.table_catalog import view_name
+from kb.schema.tables import tables
 from kb.store.tables.reading import scan
 
 
@@ -26,16 +26,19 @@ def ask(
     """The questions whose queries find rows in these folders, with what they find; a query names
     tables as `kb query` does. Those of a folder that is not there are left out.
     """
+    there = set[str]()
     for folder in folders:
         for part in folder.parts:
-            view = view_name(part.table)
+            there.add(view := view_name(part.table))
             con.execute(f"CREATE OR REPLACE TEMP VIEW {view} AS SELECT * FROM {scan(part.shards)}")
+    absent = {view_name(declared) for declared in tables().values()} - there
     for question, query in questions.items():
-        with contextlib.suppress(duckdb.CatalogException):
-            found = con.execute(query)
-            if rows := found.fetchall():
-                names = [name for name, *_ in found.description]
-                yield CardAnswer(question, query, [names, *([*map(_shown, row)] for row in rows)])
+        if absent.intersection(re.findall(r"\w+", query)):
+            continue
+        answer = con.execute(query)
+        if rows := answer.fetchall():
+            names = [name for name, *_ in answer.description]
+            yield CardAnswer(question, query, [names, *([*map(_shown, row)] for row in rows)])
 
 
 def _shown(value: Any) -> str:

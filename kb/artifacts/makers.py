@@ -73,7 +73,7 @@ def obstacles(run: Run, outdated: Iterable[str]) -> list[Obstacle]:
     """What stands in the way of making these artifacts, each thing once: a recipe that may not run,
     a model, an extra, a wrong setting. A recipe says by `<function>_needs` what a function needs.
     """
-    found: dict[str, Obstacle] = {}
+    obstacles: dict[str, Obstacle] = {}
     for name in outdated:
         maker = ARTIFACTS[name].maker
         try:
@@ -84,8 +84,8 @@ def obstacles(run: Run, outdated: Iterable[str]) -> list[Obstacle]:
                 if needs is not None:
                     needs(run, *maker.arguments)
         except UsageError as error:
-            found.setdefault(str(error), Obstacle(error, [])).artifacts.append(name)
-    return list(found.values())
+            obstacles.setdefault(str(error), Obstacle(error, [])).artifacts.append(name)
+    return list(obstacles.values())
 
 
 def made_of_these(names: Iterable[str], outdated: Iterable[str]) -> set[str]:
@@ -100,7 +100,8 @@ def made_of_these(names: Iterable[str], outdated: Iterable[str]) -> set[str]:
 
 
 def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None) -> Summary:
-    """Make an artifact by its recipe; an export by default with the options that it was made with.
+    """Make an artifact by its recipe; an export and the report by default with the options that
+    they were made with.
     Returns the summary of its command.
 
     Files that are damaged are noted, so that a build makes them again. Raises SettingError for a
@@ -122,8 +123,11 @@ def make_artifact(run: Run, name: str, options: Mapping[str, Any] | None = None)
 
 
 def recorded_options(root: Path, name: str) -> dict[str, Any]:
-    """The options with which an export was made; none for one that was not. Raises DamagedData."""
-    made = manifest.read_manifest(root, name) if name.startswith("export/") else None
+    """The options with which an export or the report was made; none for one that was not, and for
+    other artifacts. Raises DamagedData.
+    """
+    has_options = name == "report" or name.startswith("export/")
+    made = manifest.read_manifest(root, name) if has_options else None
     options = dict(made.figures) if made is not None else {}
     if "tokenizer" in options and not Path(options["tokenizer"]).is_file():
         del options["tokenizer"]  # then words are counted

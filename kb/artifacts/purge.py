@@ -182,9 +182,9 @@ class Purge:
         self.keys = left = self.note.keys
         theirs = people(self, self.rules.people, self.asked) if self.rules.people else {}
         self.keys = left | theirs
-        found = self.rules.find(self) | theirs | left
-        self.absent = {key: why for key, why in found.items() if why in ABSENT}
-        self.keys = {key: NAMED if why in ABSENT else why for key, why in found.items()}
+        reasons = self.rules.find(self) | theirs | left
+        self.absent = {key: why for key, why in reasons.items() if why in ABSENT}
+        self.keys = {key: NAMED if why in ABSENT else why for key, why in reasons.items()}
 
     def begin(self) -> None:
         """Write the note of the purge, then tombstones of its keys."""
@@ -309,7 +309,7 @@ class SegmentScan(NamedTuple):
 
 def scan_segment(segment: str, rules: PurgeRules, keys_file: str, names: Names) -> SegmentScan:
     """What a purge finds in a segment. Runs in a worker. Raises DamagedData."""
-    path, found, sought = Path(segment), SegmentScan([], set(), set()), defaultdict(set)
+    path, scanned, sought = Path(segment), SegmentScan([], set(), set()), defaultdict(set)
     keys, matches = _keys(keys_file, rules, names)
     for key in (key for key, why in keys.items() if why == UNKNOWN):
         for text in rules.answers.texts([key]) or ():
@@ -317,17 +317,17 @@ def scan_segment(segment: str, rules: PurgeRules, keys_file: str, names: Names) 
 
     def strip(envelope: Envelope) -> Envelope | None:
         if rules.answers.repeats:
-            found.repeats.update(rules.answers.repeats(envelope, keys))
+            scanned.repeats.update(rules.answers.repeats(envelope, keys))
         return rules.strip(path.parent.name, envelope, {**names, "": keys})
 
     with partition.without_collecting():
         for start, line, envelope in purge_raw.changed_frames(path, matches, strip):
-            found.starts.append(start)
+            scanned.starts.append(start)
             named = (sought[text] for text in matches.texts(line) if text in sought)
-            for key in set().union(*named) - found.present if sought else ():
+            for key in set().union(*named) - scanned.present if sought else ():
                 if rules.strip(path.parent.name, envelope, {"": {key}}) is not envelope:
-                    found.present.add(key)
-    return found
+                    scanned.present.add(key)
+    return scanned
 
 
 def _keys(file: str, rules: PurgeRules, names: Names) -> tuple[dict[str, str], Matcher]:

@@ -209,11 +209,11 @@ def entries(folder: Path) -> list[Path]:
 
 def _own(folder: Path) -> list[Path]:
     """The entries that are part of a release: of links, those that SHA256SUMS describes."""
-    found = entries(folder)
-    if not any(file.is_symlink() for file in found):
-        return found
+    there = entries(folder)
+    if not any(file.is_symlink() for file in there):
+        return there
     described = sums(folder)[0]
-    return [file for file in found if not file.is_symlink() or file.name in described]
+    return [file for file in there if not file.is_symlink() or file.name in described]
 
 
 def sums(folder: Path) -> tuple[dict[str, str], int]:

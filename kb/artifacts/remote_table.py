@@ -66,9 +66,9 @@ class RemoteTable:
 
 
 def _check(place: str, declared: Table, footer: pq.FileMetaData) -> None:
-    again = "publish it again"
+    hint = "publish it again"
     for _, what in column_problems(declared, footer.schema.to_arrow_schema(), released=True):
-        raise unreadable(place, what, again)
+        raise unreadable(place, what, hint)
     numbers = {
         column.name: column for column in declared.columns if column.released and column.range
     }
@@ -78,4 +78,4 @@ def _check(place: str, declared: Table, footer: pq.FileMetaData) -> None:
             if column is None or known is None or not known.has_min_max:
                 continue
             if what := value_problem(column, pa.array([known.min, known.max])):
-                raise unreadable(place, what, again)
+                raise unreadable(place, what, hint)

@@ -287,8 +287,8 @@ def nearest(path: Path) -> Path | None:
         below += [inner for folder in below for inner in folders_in(folder)]
         inside, above = filter(_holds_something, below), filter(is_root, path.parents[:2])
         return next(inside, None) or next(above, None)
-    beside = {folder.name: folder for folder in folders_in(path.parent)}
-    alike = (beside[name] for name in similar(path.name, beside))
+    siblings = {folder.name: folder for folder in folders_in(path.parent)}
+    alike = (siblings[name] for name in similar(path.name, siblings))
     return next(filter(_holds_something, alike), None)
 
 

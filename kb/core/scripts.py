@@ -33,8 +33,8 @@ def closed(text: str) -> str:
 def parts(text: str, most: int) -> list[tuple[str, int]]:
     """The text in parts of at most so many words, with their numbers of words; () without any."""
     if text.isascii():
-        found = text.split()
-        cut = (found[at : at + most] for at in range(0, len(found), most))
+        split = text.split()
+        cut = (split[at : at + most] for at in range(0, len(split), most))
         return [(" ".join(some), len(some)) for some in cut]
     spans = [match.span() for match in _WORD.finditer(text)]
     cut_spans = (spans[at : at + most] for at in range(0, len(spans), most))

@@ -109,9 +109,9 @@ def ended_in_time() -> Iterator[None]:
     called: Python calls it between two lines, and a library may be in one for minutes. Once heard,
     it also ends what follows the block.
     """
-    heard, told = socket.socketpair()
-    told.setblocking(False)
-    before = signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
+    heard, wakes = socket.socketpair()
+    wakes.setblocking(False)
+    before = signal.set_wakeup_fd(wakes.fileno(), warn_on_full_buffer=False)
     was_heard = threading.Event()
 
     def watch() -> None:
@@ -129,4 +129,4 @@ def ended_in_time() -> Iterator[None]:
     finally:
         if not was_heard.is_set():
             signal.set_wakeup_fd(before)
-            told.close()  # which ends the thread
+            wakes.close()  # which ends the thread

@@ -252,8 +252,8 @@ class Loop:
         left = self._unanswered(phase, items)
         if failure is not None and len(left) > 1:  # one of them may be the reason
             with self._changed:
-                again = [item for item in items if item.key in left]
-                self.scheduler.split(phase, again, failure.reason)
+                retried = [item for item in items if item.key in left]
+                self.scheduler.split(phase, retried, failure.reason)
                 self._changed.notify_all()
             items = [item for item in items if item.key not in left]
         elif left:

@@ -203,9 +203,9 @@ class ItemRestore:
                 reasons[f"{own}{key}"] = MissingReason(FAILED)
             if status not in ("done", "skipped"):
                 incomplete.add(key)
-        gone = {" ".join(self.source.table_of(name)) for name in self.removed}
-        reasons |= dict.fromkeys(gone, MissingReason(PURGED, FOREVER))
-        return Outcome(reasons, gone - {f"{own}{key}" for key in self.keys}, incomplete)
+        removed = {" ".join(self.source.table_of(name)) for name in self.removed}
+        reasons |= dict.fromkeys(removed, MissingReason(PURGED, FOREVER))
+        return Outcome(reasons, removed - {f"{own}{key}" for key in self.keys}, incomplete)
 
     def _items(self, place: Path) -> Iterator[tuple[str, str, str]]:
         """(kind, name, status) of what a work folder's crawl knows, where there was one."""

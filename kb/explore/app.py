@@ -2,23 +2,27 @@
 
 A page is asked for with GET and made from the tables as they are. Another Host than this machine is
 refused, so that no web site can reach the pages through a name of its own (DNS rebinding), and the
-content security policy lets no script run but the one in static/.
+content security policy lets no script run but the one in static/. The only page that takes answers
+is Judge (kb.explore.judge), and only from itself.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from hmac import compare_digest
 from importlib import resources
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qsl
 
 from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -27,7 +31,8 @@ from kb.core import terminal
 from kb.core.config.profile import Profile
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.templates import environment
-from kb.explore import documents, overview, pairs, rows, search, thresholds
+from kb.explore import clip, documents, judge, overview, pairs, rows, search, thresholds
+from kb.explore.judge import JudgeDesk
 from kb.explore.tables import CurrentTables
 from kb.look.charts import number
 from kb.mcp.documents import Readers
@@ -36,16 +41,30 @@ from kb.store.state import demo_mark
 HOST = "127.0.0.1"
 _HOSTS = [HOST, "localhost"]  # with any port
 _HERE = Path(__file__).parent
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self';"
+    " form-action 'self'; base-uri 'none'"
+)
 _HEADERS = {
-    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self';"
-    " img-src 'self'; connect-src 'self'; form-action 'self'; base-uri 'none';"
-    " frame-ancestors 'none'",
+    "content-security-policy": f"{_POLICY}; frame-ancestors 'none'",
     "cross-origin-opener-policy": "same-origin",
     "cross-origin-resource-policy": "same-origin",
     "referrer-policy": "no-referrer",
     "x-content-type-options": "nosniff",
     "cache-control": "no-store",
 }
+# Judge shows the page of a clip within it. A form says its origin where it may refer to its page.
+_OF_JUDGE = {
+    "content-security-policy": f"{_POLICY}; frame-src 'self'; frame-ancestors 'none'",
+    "referrer-policy": "same-origin",
+}
+# The service's player wants to know which site shows it.
+_OF_CLIP = {
+    "content-security-policy": f"{_POLICY}; media-src 'self'; frame-src {clip.PLAYER};"
+    " frame-ancestors 'self'",
+    "referrer-policy": "strict-origin-when-cross-origin",
+}
+_LARGEST = 100_000  # bytes of a form
 
 
 def clock_time(seconds: float) -> str:
@@ -72,6 +91,7 @@ PAGES = {
     "/rows": "Rows",
     "/thresholds": "Thresholds",
     "/pairs": "Pairs",
+    "/judge": "Judge",
     "/status": "Status",
 }
 
@@ -80,10 +100,15 @@ Instead = Callable[[Mapping[str, str], KbError], Any]
 
 
 def make(
-    root: Path, profile: Profile, about: Callable[[], Mapping[str, Any]], readers: Readers
+    root: Path,
+    profile: Profile,
+    about: Callable[[], Mapping[str, Any]],
+    readers: Readers,
+    desk: JudgeDesk | None = None,
 ) -> Starlette:
     """The application over a data root or a release; `profile` has its thresholds, `about` returns
-    what `kb status` knows, and `readers` read the documents of sources.
+    what `kb status` knows, `readers` read the documents of sources, and whoever sits at the `desk`
+    may judge.
     """
     templates = environment(_HERE / "templates", _FILTERS, autoescape=True)
     language = profile.language
@@ -98,7 +123,7 @@ def make(
         return HTMLResponse(text, status)
 
     def page(
-        name: str, read: Page, instead: Instead | None = None
+        name: str, read: Page, instead: Instead | None = None, headers: Mapping[str, str] = {}
     ) -> Callable[[Request], Response]:
         """`instead`: the data of the same page when `read` raises."""
 
@@ -110,7 +135,9 @@ def make(
                 if instead is None:
                     raise
                 data, status = instead(query, error), status_of(error)
-            return html(name, status, path=path, page=data)
+            shown = html(name, status, path=path, page=data)
+            shown.headers.update(headers)
+            return shown
 
         return answer
 
@@ -118,6 +145,33 @@ def make(
         return Response(
             documents.screenshot(root, request.query_params, readers), media_type="image/png"
         )
+
+    def judging() -> JudgeDesk:
+        if desk is None:
+            raise HTTPException(403, "Nobody judges here: start `kb explore --judge NAME`.")
+        return desk
+
+    async def answered(request: Request) -> Response:
+        body = b""
+        if judging() and request.headers.get("origin") == f"http://{request.headers.get('host')}":
+            async for part in request.stream():
+                body += part
+                if len(body) > _LARGEST:
+                    raise HTTPException(413)
+        given = dict(parse_qsl(body.decode("utf-8", "replace"), keep_blank_values=True))
+        if not compare_digest(given.get("token", "").encode(), judging().token.encode()):
+            raise HTTPException(403, "Only the page Judge itself may answer: load it again.")
+        address = await run_in_threadpool(judge.answered, judging(), given)
+        return RedirectResponse(address, 303)
+
+    def film(request: Request) -> Response:
+        path, why = clip.film_of(judging(), request.query_params.get("video", ""))
+        if path is None:
+            raise HTTPException(404, why)
+        return FileResponse(path)
+
+    def frames(request: Request) -> Response:
+        return Response(clip.frames_png(judging(), request.query_params), media_type="image/png")
 
     def problem(request: Request, error: Exception) -> Response:
         what = error.detail if isinstance(error, HTTPException) else str(error)
@@ -145,6 +199,18 @@ def make(
             Route(
                 "/pairs", page("pairs", lambda at, q: pairs.read(CurrentTables(at), language, q))
             ),
+            Route(
+                "/judge",
+                page(
+                    "judge",
+                    lambda _, q: judge.read(desk, q),
+                    headers=_OF_JUDGE,
+                ),
+            ),
+            Route("/judge", answered, methods=["POST"]),
+            Route("/clip", page("clip", lambda _, q: clip.read(judging(), q), headers=_OF_CLIP)),
+            Route("/film", film),
+            Route("/frames", frames),
             Route("/static/style.css", lambda _: Response(style, media_type="text/css")),
             Route("/favicon.ico", lambda _: RedirectResponse("/static/icon.svg")),
             Mount("/static", StaticFiles(directory=_HERE / "static")),
@@ -177,7 +243,7 @@ def status_of(error: Exception) -> int:
 
 
 class _SecurityHeaders:
-    """Adds the headers to every answer, also to refusals."""
+    """Adds the headers to every answer, also to refusals; those that a page sets count."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -185,8 +251,9 @@ class _SecurityHeaders:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
+                own = {name for name, _ in message["headers"]}
                 added = [(name.encode(), value.encode()) for name, value in _HEADERS.items()]
-                message["headers"] = [*message["headers"], *added]
+                message["headers"] += [line for line in added if line[0] not in own]
             await send(message)
 
         await self._app(scope, receive, with_headers)

@@ -132,7 +132,7 @@ def cards(
                 pair["keyword"],
                 pair["keyword_kind"],
                 known or pair["video_id"],
-                _pieces(pair),
+                marked_pieces(pair),
                 pair["clip_start_s"],
                 pair["clip_end_s"],
                 f"{SOURCES[VIDEOS].url_of(pair['video_id'])}&t={second}s",
@@ -156,7 +156,7 @@ def _by_key(
     return by_key
 
 
-def _pieces(pair: Mapping[str, Any]) -> list[str]:
+def marked_pieces(pair: Mapping[str, Any]) -> list[str]:
     """The text before the phrase, the phrase, and the text behind it. Where sounds were taken out
     of the text, the phrase's place is not known, and the keyword is looked for.
     """

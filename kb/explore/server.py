@@ -14,6 +14,7 @@ from typing import Any
 from kb.core.config.profile import Profile
 from kb.core.errors import SettingError
 from kb.core.installation import require
+from kb.explore.judge import JudgeDesk
 from kb.mcp.documents import Readers
 
 REQUEST_S = 15.0  # in which a whole request has to come
@@ -27,6 +28,7 @@ def serve(
     readers: Readers,
     port: int,
     *,
+    desk: JudgeDesk | None,
     browser: bool,
     say: Callable[[str], None],
     first: Callable[[], None],
@@ -60,7 +62,7 @@ def serve(
         """Tells the address once requests are answered, and ends soon after a signal."""
 
         async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-            # Threads that make pages can't be ended, and none of them writes anything.
+            # Threads that make pages can't be ended; answers are written in one step.
             ending.start()
             await super().shutdown(sockets)
 
@@ -86,7 +88,7 @@ def serve(
                 self.loop.call_later(REQUEST_S, self.look, self.cycle)
 
     config = uvicorn.Config(
-        make(root, profile, about, readers),
+        make(root, profile, about, readers, desk),
         http=Patient,
         log_config=None,
         access_log=False,

@@ -250,15 +250,15 @@ def _description(rows: pa.Table, chain: Chain) -> dict[str, pa.Array[Any]]:
     nulls: pa.Array[Any] = pa.nulls(rows.num_rows, pa.string())
     described: dict[str, pa.Array[Any]] = {}
     columns, withheld = chain.described
-    gone = pc.is_valid(column(rows, withheld)) if withheld else None
+    taken_down = pc.is_valid(column(rows, withheld)) if withheld else None
     for name in _DESCRIPTION:
         source = columns.get(name, "")
         if source not in rows.column_names:
             described[name] = nulls
             continue
         values = pc.utf8_slice_codeunits(column(rows, source).cast(pa.string()), 0, _LONGEST)
-        is_withheld = gone is not None and name in _WORDS
-        described[name] = pc.if_else(gone, nulls, values) if is_withheld else values
+        is_withheld = taken_down is not None and name in _WORDS
+        described[name] = pc.if_else(taken_down, nulls, values) if is_withheld else values
     return described
 
 

@@ -1,1 +1,1 @@
-"""A sample that people judge in Label Studio, and their answers as a table and as figures."""
+"""A sample that people judge, in the browser or in Label Studio, and what their answers say."""

@@ -121,15 +121,19 @@ def stored(root: Path) -> pa.Table:
     return pa.concat_tables([none, *tables]).combine_chunks()
 
 
-def replace_answers(root: Path, answers: Sequence[dict[str, Any]]) -> None:
-    """Write answers of a person about an item in place of those that they gave before. Call it
-    under the lock of labels.
+def replace_answers(
+    root: Path, kind: str, item_id: str, annotator: int, answers: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Write a person's answers to an item in place of those that they gave before, which are
+    returned. Call it under the lock of labels.
     """
-    key = ("kind", "item_id", "annotator")
-    ours = {tuple(one[name] for name in key) for one in answers}
-    kept = [row for row in stored(root).to_pylist() if tuple(row[name] for name in key) not in ours]
+    key, ours = ("kind", "item_id", "annotator"), (kind, item_id, annotator)
+    every = stored(root).to_pylist()
+    before = [row for row in every if tuple(row[name] for name in key) == ours]
+    kept = [row for row in every if tuple(row[name] for name in key) != ours]
     rows = sorted([*kept, *answers], key=lambda row: [row[name] for name in (*key, "question")])
     _write(root, pa.Table.from_pylist(rows, table(LABELS).arrow()))
+    return before
 
 
 def _write(root: Path, rows: pa.Table) -> None:

@@ -258,6 +258,24 @@ def even(low: float, high: float, bins: int = 30, steps: Sequence[float] = ()) -
     return [round(edge * width, 9) for edge in range(first, max(last, first + 1) + 1)]
 
 
+class SavedSheet:
+    """A drawn sheet as the bytes of a file: `["svg"]`, `["png"]` or `["pdf"]`, each made when it is
+    first asked for, without dates or version names.
+    """
+
+    def __init__(self, sheet: Any, pixels: int) -> None:
+        self._sheet, self._pixels = sheet, pixels
+        self._files: dict[str, bytes] = {}
+
+    def __getitem__(self, kind: str) -> bytes:
+        if kind not in self._files:
+            file = io.BytesIO()
+            with applied(), _letters_alone():
+                self._sheet.savefig(file, format=kind, dpi=self._pixels, metadata=FORMATS[kind])
+            self._files[kind] = file.getvalue()
+        return self._files[kind]
+
+
 @dataclass(frozen=True)
 class Figure:
     """One finished figure. `rows` are the numbers behind it, for those who can't see it."""
@@ -266,7 +284,7 @@ class Figure:
     title: str
     caption: str
     alt: str
-    files: dict[str, bytes]  # by suffix: svg, png, pdf
+    files: SavedSheet
     head: Sequence[str] = ()
     rows: Sequence[Sequence[object]] = ()
     screen: bool = False  # shows a screen, whose colours are its own
@@ -305,16 +323,11 @@ FORMATS: dict[str, dict[str, None]] = {
 }
 
 
-def saved(sheet: Any, pixels: int = PIXELS) -> dict[str, bytes]:
-    """The figure as PNG (`pixels` per inch), SVG and PDF, without dates or version names."""
-    files = {}
-    with applied(), _letters_alone():
+def saved(sheet: Any, pixels: int = PIXELS) -> SavedSheet:
+    """The finished sheet; as PNG it has `pixels` per inch."""
+    with applied():
         _placed(sheet, pixels)
-        for kind, metadata in FORMATS.items():
-            file = io.BytesIO()
-            sheet.savefig(file, format=kind, dpi=pixels, metadata=metadata)
-            files[kind] = file.getvalue()
-    return files
+    return SavedSheet(sheet, pixels)
 
 
 def inline(figure: Figure) -> Markup:

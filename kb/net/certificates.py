@@ -58,16 +58,16 @@ def untrusted(error: BaseException, url: str) -> Untrusted | None:
 
 def causes(error: BaseException) -> list[BaseException]:
     """An error and all that led to it."""
-    found: list[BaseException] = []
+    passed: list[BaseException] = []
     waiting: list[object] = [error]
     while waiting:
         cause = waiting.pop()
-        if isinstance(cause, BaseException) and cause not in found:
-            found.append(cause)
+        if isinstance(cause, BaseException) and cause not in passed:
+            passed.append(cause)
             # urllib3 and requests hand on what happened in an argument.
             waiting += [cause.__context__, cause.__cause__, getattr(cause, "reason", None)]
             waiting += cause.args
-    return found
+    return passed
 
 
 def _wrong(name: str, path: str, why: str) -> SettingError:

@@ -158,13 +158,13 @@ class Comparison:
             " WHERE false"
             for rows, more in zip(scans, (names, ()), strict=True)
         ]
-        told = "".join(
+        owns = "".join(
             f", CASE WHEN n.key IS NULL THEN o.o{number} END AS o{number}"
             for number in range(len(owners))
         )
         return (
             "SELECT coalesce(n.key, o.key) AS key, CASE WHEN o.key IS NULL THEN 'came' WHEN n.key"
-            f" IS NULL THEN 'went' ELSE 'changed' END AS change{told} FROM ({sides[0]}) o FULL JOIN"
+            f" IS NULL THEN 'went' ELSE 'changed' END AS change{owns} FROM ({sides[0]}) o FULL JOIN"
             f" ({sides[1]}) n ON o.key = n.key"
             " WHERE o.key IS NULL OR n.key IS NULL OR o.content <> n.content"
         )
@@ -203,9 +203,10 @@ class Comparison:
                     self.con.unregister("removed")
             for rank, verdict in enumerate(VERDICTS, 1):
                 if (view := self.new.get(f"clean.{source}_{verdict}")) is not None:
-                    told = "stage, reason, value, threshold"
-                    told = told if verdict == "rejected" else f"'{verdict}', reason, NULL, NULL"
-                    self._note(source, told, rank, scan(view.files))
+                    columns = f"'{verdict}', reason, NULL, NULL"
+                    if verdict == "rejected":
+                        columns = "stage, reason, value, threshold"
+                    self._note(source, columns, rank, scan(view.files))
             if (view := self.new.get("restored.missing")) is not None:
                 missing = f"{scan(view.files)} WHERE source = '{source}'"
                 self._note(source, "'missing', reason, NULL, NULL", 9, missing)

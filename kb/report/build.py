@@ -1,4 +1,4 @@
-"""`kb report`: every figure as SVG, PNG and PDF, and index.html with all of them.
+"""`kb report`: every figure as SVG and PNG, if asked for as PDF, and index.html with all of them.
 
 The page needs no other file: images and styles are inside, and there is no script.
 """
@@ -189,8 +189,11 @@ class Drawn(Protocol):
         """What is drawn of it."""
 
 
-def report(run: Run, published: Mapping[str, Drawn], out: Path | None = None) -> Summary:
+def report(
+    run: Run, published: Mapping[str, Drawn], out: Path | None = None, figures: bool = False
+) -> Summary:
     """Write `report/` anew, or `out`; of a download it goes to the user's cache by default.
+    `figures`: word clouds, which take the longest to draw, and PDFs as well.
 
     Raises MissingExtra without the figures' packages, FatalError where there is nothing to show,
     DamagedData.
@@ -199,20 +202,21 @@ def report(run: Run, published: Mapping[str, Drawn], out: Path | None = None) ->
     if not Catalog(run.root.absolute()).views:  # before anything is written
         raise empty(run.root)
     with domain_binding.writing(run, "report"):
-        return _report(run, published, out)
+        return _report(run, published, out, figures)
 
 
 @contextlib.contextmanager
-def _fresh(run: Run) -> Iterator[Path]:
+def _fresh(run: Run, figures: bool) -> Iterator[Path]:
     """A folder that takes the report's place, with its manifest."""
     inputs, settings = manifest.inputs(run.root, "report"), freshness.settings(run, "report")
     home = Catalog(run.root.absolute()).workplace
     with manifest.replacing(home, "report", inputs=inputs, settings=settings) as build:
+        build.figures = {"figures": figures}
         yield build.folder
 
 
-def _report(run: Run, published: Mapping[str, Drawn], out: Path | None) -> Summary:
-    with ReportData(run) as data:
+def _report(run: Run, published: Mapping[str, Drawn], out: Path | None, with_all: bool) -> Summary:
+    with ReportData(run, clouds=with_all) as data:
         there = [
             publication
             for publication in SHOWN
@@ -243,11 +247,12 @@ def _report(run: Run, published: Mapping[str, Drawn], out: Path | None) -> Summa
         place = (out or Layout(data.catalog.workplace).report).expanduser().absolute()
     if out is not None and place.exists() and not (place / PAGE).is_file():
         raise UsageError(f"--out {out} exists and is not a report", hint="name a new folder")
-    with _fresh(run) if out is None else replacing_folder(place) as folder:
+    suffixes = ("svg", "png", "pdf") if with_all else ("svg", "png")
+    with _fresh(run, with_all) if out is None else replacing_folder(place) as folder:
         for section in sections:
             for figure in section.figures:
-                for suffix, content in figure.files.items():
-                    (folder / f"{figure.name}.{suffix}").write_bytes(content)
+                for suffix in suffixes:
+                    (folder / f"{figure.name}.{suffix}").write_bytes(figure.files[suffix])
         (folder / PAGE).write_text(html, encoding="utf-8")
     return Summary(
         command="report",

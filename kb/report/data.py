@@ -33,8 +33,8 @@ def _prefix(name: str) -> str:
 class ReportData:
     """The data root through one DuckDB connection in memory."""
 
-    def __init__(self, run: Run) -> None:
-        self.root = run.root
+    def __init__(self, run: Run, *, clouds: bool = True) -> None:
+        self.root, self.clouds = run.root, clouds  # whether word clouds are drawn
         self.catalog = Catalog(run.root.absolute())
         self.con = database.connect(self.catalog.spill, threads=max(1, run.workers))
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from kb.core.config.profile import Profile
-from kb.look.charts import WIDTH, WORDS, Figure, canvas, number, saved
+from kb.look.charts import WIDTH, WORDS, Figure, SavedSheet, canvas, number, saved
 from kb.report.data import ReportData
 
 _W, _H = 1080, 640  # the cloud's own pixels
@@ -19,6 +19,8 @@ def words(
     data: ReportData, profile: Profile, name: str, tables: Mapping[str, tuple[str, ...]]
 ) -> Figure | None:
     """The cloud of the words in some columns of some tables (the paper shows Reddit's)."""
+    if not data.clouds:
+        return None
     from wordcloud import STOPWORDS
 
     stop = {word.lower() for word in (*STOPWORDS, *_MORE.split(), *profile.report.stop_words)}
@@ -44,7 +46,7 @@ def words(
     )
 
 
-def _drawn(frequencies: dict[str, int], seed: int) -> dict[str, bytes]:
+def _drawn(frequencies: dict[str, int], seed: int) -> SavedSheet:
     from matplotlib import get_data_path
     from matplotlib.font_manager import FontProperties
     from matplotlib.patches import PathPatch

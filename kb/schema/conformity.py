@@ -35,16 +35,16 @@ def column_problems(
         elif field.name not in stored.names:
             yield field.name, f"column {field.name} is missing"
         elif _plain(stored.field(field.name).type) != _plain(field.type):
-            found = stored.field(field.name).type
-            yield field.name, f"column {field.name} is {found}, not {field.type}"
+            stored_type = stored.field(field.name).type
+            yield field.name, f"column {field.name} is {stored_type}, not {field.type}"
 
 
 def value_problem(column: Column, values: Values) -> str:
     """What is wrong with the first number of a column that is outside its declared range, or the
     first time that is of no year from 1 to 9999; "" where there is none.
     """
-    found = _outside(column.parsed, values, column.range)
-    return f"column {column.name} holds {found}" if found else ""
+    wrong = _outside(column.parsed, values, column.range)
+    return f"column {column.name} holds {wrong}" if wrong else ""
 
 
 def limited(column: Column) -> bool:
@@ -56,8 +56,8 @@ def _outside(kind: Type, values: Any, allowed: tuple[float, float] | None) -> st
     if kind.item is not None:
         return _outside(kind.item, pc.list_flatten(values), allowed)
     for index, (_, inner) in enumerate(kind.fields):
-        if found := _outside(inner, pc.struct_field(values, [index]), allowed):
-            return found
+        if wrong := _outside(inner, pc.struct_field(values, [index]), allowed):
+            return wrong
     if kind.text == "date":
         return _YEARS if _beyond(values.cast(pa.int32()), _DATES) else ""
     if kind.text.startswith("timestamp"):

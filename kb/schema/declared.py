@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from itertools import permutations
 
 from kb.core.errors import KbError
@@ -25,35 +25,49 @@ def problems(source: SourceDeclaration, settings: Collection[str]) -> Iterator[s
     except KbError as error:  # says itself in which file
         yield str(error)
         return
-    shorts = {table.short for table in declared.values()}
+    for problem in (
+        *_missing_names(source, settings, declared),
+        *_contradictions(source, declared),
+    ):
+        yield f"{file}: {problem}"
+
+
+def _missing_names(
+    source: SourceDeclaration, settings: Collection[str], declared: Mapping[str, Table]
+) -> Iterator[str]:
+    """Names of tables, nouns and settings that are nowhere declared."""
     for key in ("tables", "linked", "indexed", "textual"):
         for short in getattr(source, key):
-            if short not in shorts:
-                yield f"{file}: `{key}` names {short}, but there is no tables/{source.name}/{short}"
+            if f"{source.name}/{short}" not in declared:
+                yield f"`{key}` names {short}, but there is no tables/{source.name}/{short}"
     for name in (*source.shown, *source.sampled):
         if name not in declared:
-            yield f"{file}: it shows {name}, but there is no tables/{name}.toml"
-    for tables_of, words in (("linked", "parts"), ("indexed", "kinds")):
-        if getattr(source, tables_of) and not getattr(source, words):
-            yield f"{file}: `{tables_of}` has tables, but `{words}` says nothing"
+            yield f"it shows {name}, but there is no tables/{name}.toml"
     if source.main not in source.tables:
-        yield f"{file}: `main` is {source.main}, which is not in [tables]"
-    for (short, prefix), (other, longer) in permutations(source.tables.items(), 2):
-        if longer.startswith(prefix):
-            yield f"{file}: a key of {other} ({longer}…) may be one of {short} ({prefix}…)"
+        yield f"`main` is {source.main}, which is not in [tables]"
     if source.counted not in source.nouns.values():
-        yield f"{file}: `counted` is {source.counted}, which is in no line of [nouns]"
-    item = f"{source.name}/{source.main}"
-    if source.restored and item in declared:
-        (key, *_) = declared[item].key
-        for short in source.tables.keys() & shorts:
-            if key not in declared[f"{source.name}/{short}"].names():
-                yield f"{file}: `restored` needs the column {key} in tables/{source.name}/{short}"
+        yield f"`counted` is {source.counted}, which is in no line of [nouns]"
     if source.refreshed and source.refreshed not in source.nouns:
-        yield f"{file}: `refreshed` is {source.refreshed}, which is not in [nouns]"
+        yield f"`refreshed` is {source.refreshed}, which is not in [nouns]"
     for name in (source.credential, source.service.key if source.service else ""):
         if name and name not in settings:
-            yield f"{file}: it needs the setting {name}, but there is no [settings.{name}]"
+            yield f"it needs the setting {name}, but there is no [settings.{name}]"
+
+
+def _contradictions(source: SourceDeclaration, declared: Mapping[str, Table]) -> Iterator[str]:
+    """What is declared in one place and makes no sense with what stands in another."""
+    for tables_of, words in (("linked", "parts"), ("indexed", "kinds")):
+        if getattr(source, tables_of) and not getattr(source, words):
+            yield f"`{tables_of}` has tables, but `{words}` says nothing"
+    for (short, prefix), (other, longer) in permutations(source.tables.items(), 2):
+        if longer.startswith(prefix):
+            yield f"a key of {other} ({longer}…) may be one of {short} ({prefix}…)"
+    item = declared.get(f"{source.name}/{source.main}")
+    if source.restored and item is not None:
+        own = (declared.get(f"{source.name}/{short}") for short in source.tables)
+        for table in filter(None, own):
+            if item.key[0] not in table.names():
+                yield f"`restored` needs the column {item.key[0]} in tables/{table.name}"
 
 
 def package_problems(source: SourceDeclaration) -> Iterator[str]:

@@ -91,33 +91,19 @@ def question(text: str, is_small: Callable[[str], bool] = lambda word: False) ->
     needed: dict[Term, None] = {}
     barred: dict[Term, None] = {}
     run: list[str] = []
-    for match in _TERM.finditer(clean(text)):
-        sign, phrase = match["sign"], match["phrase"]
-        # "wolf,tame" is two words; what else stands inside of one holds it together (e-mail).
-        parts = _BETWEEN.split(match["word"]) if phrase is None else [phrase]
-        for number, word in enumerate(parts, 1):
-            ends = phrase is None and word.endswith("*")
-            prefix = ends or (bool(match["any"]) and number == len(parts))
-            kinds = [unicodedata.category(sign) for sign in word]
-            kept = "".join(
-                sign if kind[0] in "LNM" or kind == "Co" else " "
-                for sign, kind in zip(word, kinds, strict=True)
-            ).split()
-            if not kept:
-                continue
-            term = Term(" ".join(kept), prefix)
-            if sign == "-":
-                barred[term] = None
-                continue
-            signs = scripts.words(term.text)
-            if sign == "+" or phrase is not None:
-                terms[term] = needed[term] = None
-            elif prefix or len(signs) == len(kept):
-                terms[term] = None
-            else:
-                # Nothing says where a word ends, so that each two neighbours are one.
-                terms |= dict.fromkeys(map(Term, _neighbours(signs)))
-            run += signs
+    for sign, term in _typed(clean(text)):
+        if sign == "-":
+            barred[term] = None
+            continue
+        signs = scripts.words(term.text)
+        if sign == "+":
+            terms[term] = needed[term] = None
+        elif term.prefix or len(signs) == len(term.text.split()):
+            terms[term] = None
+        else:
+            # Nothing says where a word ends, so that each two neighbours are one.
+            terms |= dict.fromkeys(map(Term, _neighbours(signs)))
+        run += signs
     if not terms:
         raise UsageError(
             f"the query {text!r} contains no word to search for",
@@ -131,6 +117,30 @@ def question(text: str, is_small: Callable[[str], bool] = lambda word: False) ->
     return Question(
         tuple(large or terms)[:MOST], tuple(needed)[:MOST], tuple(barred)[:MOST], tuple(run), small
     )
+
+
+def _typed(text: str) -> Iterator[tuple[str, Term]]:
+    """What was typed: words without their punctuation, and phrases; each with its sign, "+", "-" or
+    "". A phrase without a sign has "+", as its words must be there side by side.
+    """
+    for match in _TERM.finditer(text):
+        sign, phrase = match["sign"] or "", match["phrase"]
+        if phrase is not None:
+            sign = sign or "+"
+        # "wolf,tame" is two words; what else stands inside of one holds it together (e-mail).
+        parts = _BETWEEN.split(match["word"]) if phrase is None else [phrase]
+        for number, word in enumerate(parts, 1):
+            ends = phrase is None and word.endswith("*")
+            kinds = map(unicodedata.category, word)
+            kept = "".join(
+                letter if kind[0] in "LNM" or kind == "Co" else " "
+                for letter, kind in zip(word, kinds, strict=True)
+            ).split()
+            if kept:
+                yield (
+                    sign,
+                    Term(" ".join(kept), ends or (bool(match["any"]) and number == len(parts))),
+                )
 
 
 def _neighbours(signs: Sequence[str]) -> Iterator[str]:

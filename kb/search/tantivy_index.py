@@ -221,8 +221,8 @@ def names(title: str, language: str) -> set[str]:
         split = tantivy.TextAnalyzerBuilder(Tokenizer.regex(_WORD)).filter(Filter.lowercase())
         large = split.filter(Filter.stopword(STEMMERS[language])).build()
         texts |= {" ".join(large.analyze(text)) for text in texts}
-    whole = analyzer(language)
-    return {"".join(whole.analyze(text)) for text in texts} - {""}
+    full = analyzer(language)
+    return {"".join(full.analyze(text)) for text in texts} - {""}
 
 
 _HEAP = 128 << 20  # bytes that all threads of a writer may take before they write a segment

@@ -105,8 +105,8 @@ class Artifact:
             return f"remove it, then run `{self.command}` with the films again"
         if self.name.startswith("annotations/"):
             return f"remove it, then run `{self.command}`, which scores its texts again"
-        again = self.command_again
-        return f"run `{again}`" if again != self.command else f"run `{again}` again"
+        command = self.command_again
+        return f"run `{command}`" if command != self.command else f"run `{command}` again"
 
 
 def _declared() -> Iterator[Artifact]:

@@ -148,14 +148,14 @@ def remove_path(path: Path) -> None:
     clears away if this one is killed. A link to a folder stays, and leads to nothing.
     """
     path = followed(path)
-    gone = path.with_name(f".{path.name}.gone")
+    moved = path.with_name(f".{path.name}.gone")
     for _ in range(2):  # what a killed removal left, then `path` itself
-        if gone.is_dir() and not gone.is_symlink():
-            shutil.rmtree(gone)
+        if moved.is_dir() and not moved.is_symlink():
+            shutil.rmtree(moved)
         else:
-            gone.unlink(missing_ok=True)
+            moved.unlink(missing_ok=True)
         if os.path.lexists(path):
-            os.rename(path, gone)
+            os.rename(path, moved)
             sync_folder(path.parent)
 
 

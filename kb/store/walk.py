@@ -29,20 +29,20 @@ def walk(
     are among the other entries, and nothing is in such folders.
     """
     top = folder if root is None else root
-    held = [top.resolve()]  # what is walked
+    walked = [top.resolve()]  # what is walked
     for place in reversed([folder, *folder.parents]):
         if place != top and place.is_relative_to(top) and place.is_symlink():
-            if refusal := _refusal(place, held):
+            if refusal := _refusal(place, walked):
                 if strict:
                     raise refusal
                 return
-            held.append(place.resolve())
+            walked.append(place.resolve())
     waiting = [folder]
     while waiting:
         where = waiting.pop()
         folders, others = [], []
         for entry in _entries(where, strict):
-            if entry.is_symlink() and (refusal := _refusal(Path(entry.path), held)):
+            if entry.is_symlink() and (refusal := _refusal(Path(entry.path), walked)):
                 if strict and not entry.name.startswith("."):  # editors make some that lead nowhere
                     raise refusal
                 others.append(entry)
@@ -51,7 +51,7 @@ def walk(
             elif entry.name != _LOST_AND_FOUND:
                 folders.append(entry.name)
                 if entry.is_symlink():
-                    held.append(Path(entry.path).resolve())
+                    walked.append(Path(entry.path).resolve())
         yield where, folders, others
         waiting += [where / name for name in reversed(folders)]
 
@@ -76,7 +76,7 @@ def _entries(where: Path, strict: bool) -> list[os.DirEntry[str]]:
         return []
 
 
-def _refusal(link: Path, held: list[Path]) -> DamagedData | None:
+def _refusal(link: Path, walked: list[Path]) -> DamagedData | None:
     """Why a link is not followed; None for one to a file or to another folder."""
     real = Path(os.path.realpath(link))  # resolve() raises for a link to itself
     try:
@@ -87,7 +87,7 @@ def _refusal(link: Path, held: list[Path]) -> DamagedData | None:
             hint="mount the disk that it leads to; for a new folder, create it",
         )
     if is_folder and any(
-        real.is_relative_to(other) or other.is_relative_to(real) for other in held
+        real.is_relative_to(other) or other.is_relative_to(real) for other in walked
     ):
         return DamagedData(
             f"{link} is a link that leads back into the data root, to {real}",

@@ -23,15 +23,15 @@ def set_aside(root: Path, findings: Findings) -> list[str]:
     """Set damaged files of kept folders aside, and note those of derived ones; a line for each of
     the first. Raises DiskFull.
     """
-    found = [finding for finding in findings.entries if finding.state != "foreign"]
-    lost = [finding.path for finding in found if finding.kind in ("captures", "images")]
+    damaged = [finding for finding in findings.entries if finding.state != "foreign"]
+    lost = [finding.path for finding in damaged if finding.kind in ("captures", "images")]
     lines = []
-    for finding in found:
+    for finding in damaged:
         if finding.kind == "tombstones":
             lines.append(f"{finding.path} is not repaired: {finding.advice}")
         elif finding.kind == "state" and finding.state == "damaged":
             lines += _state(root, finding)
-    for artifact, paths in _by_artifact(found):
+    for artifact, paths in _by_artifact(damaged):
         if artifact.maker is None:
             lines += [f"{path} was set aside: {artifact.hint}" for path in _drop(artifact, paths)]
         else:
@@ -45,7 +45,7 @@ def set_aside(root: Path, findings: Findings) -> list[str]:
 
 def lost_sources(root: Path, findings: Findings) -> list[str]:
     """The sources whose raw answers or state are damaged."""
-    found = [
+    damaged = [
         finding
         for finding in findings.of_kinds("raw answers", "state")
         if finding.state != "foreign"
@@ -56,7 +56,7 @@ def lost_sources(root: Path, findings: Findings) -> list[str]:
         if any(
             finding.path.is_relative_to(Layout(root).raw(source))
             or finding.path == Layout(root).state(source)
-            for finding in found
+            for finding in damaged
         )
     ]
 
@@ -84,10 +84,10 @@ def damaged_artifacts(root: Path, findings: Findings) -> dict[str, Path | None]:
     }
 
 
-def _by_artifact(found: Iterable[VerifyFinding]) -> Iterator[tuple[Artifact, list[Path]]]:
+def _by_artifact(findings: Iterable[VerifyFinding]) -> Iterator[tuple[Artifact, list[Path]]]:
     """The artifacts of these findings, each with the paths of its own."""
     paths: dict[str, list[Path]] = {}
-    for finding in found:
+    for finding in findings:
         # A finding may be about the folder as a whole.
         if match := artifact_of(finding.path) or artifact_of(finding.path / MANIFEST):
             paths.setdefault(match[1].name, []).append(finding.path)

@@ -20,56 +20,26 @@ from kb.reader.recipe_tree import RecipeGraph
 from kb.reader.tables import OpenTables
 from kb.reader.wiki_page import Box, box
 from kb.search.passage import plain
-from kb.wiki.passages import grid, link, sections
+from kb.wiki.passages import PageSection, grid, link, sections
 
 
 def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
     """The page of a place. Raises UsageError if the page or section is unknown."""
-    by_key = place.key.isdecimal() and len(place.key) < 19
-    if by_key:
-        row = first_row(opened, "wiki_pages", "page_id = ?", [int(place.key)])
-    else:
-        row = first_row(opened, "wiki_pages", "url = ? OR title = ?", [place.key] * 2)
-    if row is None:
-        raise UsageError(f"unknown page {place.key[:200]!r}", hint="`search` returns refs")
+    row = _page(opened, place.key)
     key = row["page_id"]
-
-    def rows(short: str, order: str) -> list[dict[str, Any]]:
-        for view in opened.ranked(f"wiki_{short}"):
-            sql = f"FROM {view.full} WHERE page_id = ? ORDER BY {order}"
-            return opened.rows(sql, [key]).to_pylist()
-        return []
-
-    cells = rows("cells", "table_id, row_index, column_index")
-    tables = grid(cells)
-    alts = {
-        image["element_id"]: plain(image["alt_text"]).strip() for image in rows("images", "ALL")
-    }
-    parts: list[DocumentPart] = []
-    made_from: list[list[int]] = []  # the elements of each part
-    centre = -1
-    elements = rows("elements", "reading_order")
+    elements = _rows(opened, key, "elements", "reading_order")
+    cells = _rows(opened, key, "cells", "table_id, row_index, column_index")
+    images = _rows(opened, key, "images", "ALL")
+    alts = {image["element_id"]: plain(image["alt_text"]).strip() for image in images}
+    every = sections(elements, grid(cells), alts)
+    shown = [section for section in every if section.anchor or _lines(section)]
     blocks = _blocks(elements, cells, alts)
-    for section in sections(elements, tables, alts):
-        lines = [
-            *section.lines,
-            *("\n".join(table) for table in section.tables),
-            *(f"(image: {alt})" for alt in section.alts),
-        ]
-        if not lines and not section.anchor:
-            continue
-        url = link(row["url"], row["revision_id"], section.anchor)
-        at = url.partition("#")[2]
-        if centre < 0 and anchor(at) == anchor(place.at):
-            centre = len(parts)
-        text = "\n\n".join([*([section.path] if section.path else []), *lines])
-        label = "section" if section.anchor else "top of the page"
-        of_part = [blocks[element] for element in section.elements]
-        parts.append(DocumentPart(SourceLocation("wiki", str(key), at), label, url, text, of_part))
-        made_from.append(section.elements)
-    if centre < 0 and place.at:
+    parts = [_part(row, section, blocks) for section in shown]
+    wanted = anchor(place.at)
+    centre = next((n for n, part in enumerate(parts) if anchor(part.place.at) == wanted), None)
+    if centre is None and place.at:
         raise UsageError(
-            f"the page {key} has no section {anchor(place.at)[:200]!r}",
+            f"the page {key} has no section {wanted[:200]!r}",
             hint=f"read wiki:{key}; the section may belong to another revision",
         )
     url = link(row["url"], row["revision_id"], "")
@@ -77,7 +47,7 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
         f"wiki page · {row['revision_timestamp'].date()} · {revision(url)} ·"
         f" licence {row.get('license') or 'none given'} · {url}"
     )
-    chosen = set(made_from[centre]) if centre >= 0 else set()
+    chosen = set(shown[centre].elements) if centre is not None else set()
     boxes = [
         box(element)
         for element in elements
@@ -87,10 +57,48 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
         facts,
         plain(row["title"]),
         parts,
-        outward(max(centre, 0), len(parts)),
+        outward(centre or 0, len(parts)),
         _screenshot(opened, key, boxes),
         list(_made_of(opened, key)),
     )
+
+
+def _page(opened: OpenTables, key: str) -> dict[str, Any]:
+    """The row of a page, by its id, address or title. Raises UsageError without one."""
+    if key.isdecimal() and len(key) < 19:
+        row = first_row(opened, "wiki_pages", "page_id = ?", [int(key)])
+    else:
+        row = first_row(opened, "wiki_pages", "url = ? OR title = ?", [key] * 2)
+    if row is None:
+        raise UsageError(f"unknown page {key[:200]!r}", hint="`search` returns refs")
+    return row
+
+
+def _rows(opened: OpenTables, key: int, short: str, order: str) -> list[dict[str, Any]]:
+    """The rows of a page in the first table of that name."""
+    for view in opened.ranked(f"wiki_{short}"):
+        sql = f"FROM {view.full} WHERE page_id = ? ORDER BY {order}"
+        return opened.rows(sql, [key]).to_pylist()
+    return []
+
+
+def _lines(section: PageSection) -> list[str]:
+    return [
+        *section.lines,
+        *("\n".join(table) for table in section.tables),
+        *(f"(image: {alt})" for alt in section.alts),
+    ]
+
+
+def _part(
+    page: dict[str, Any], section: PageSection, blocks: dict[int, DocumentBlock]
+) -> DocumentPart:
+    """A section with the address that opens it."""
+    url = link(page["url"], page["revision_id"], section.anchor)
+    place = SourceLocation("wiki", str(page["page_id"]), url.partition("#")[2])
+    label = "section" if section.anchor else "top of the page"
+    text = "\n\n".join([*filter(None, [section.path]), *_lines(section)])
+    return DocumentPart(place, label, url, text, [blocks[element] for element in section.elements])
 
 
 def _made_of(opened: OpenTables, key: int) -> Iterator[TreeLine]:

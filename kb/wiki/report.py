@@ -22,6 +22,7 @@ from kb.look.charts import (
     RED,
     SKY,
     Figure,
+    SavedSheet,
     canvas,
     saved,
 )
@@ -215,7 +216,7 @@ def _drawn(
     boxes: list[tuple[str, DrawnBox]],
     scale: float,
     frame: DrawnBox | None = None,
-) -> dict[str, bytes]:
+) -> SavedSheet:
     """A part of the page, `scale` of its own size; a legend above it, and a frame in it."""
     thin = max(scale, 0.5)
     width, height = part.width * scale / _CSS, part.height * scale / _CSS

@@ -30,7 +30,6 @@ WORDS = {
     "clips": "--videos {files}",
     "label export": "pairs",
     "label import": "{files}/answers.json",
-    "label triage": "tasks",
     "pairs draw": "10",
     "pairs score": "--videos {files} --model {files}/ids.txt",
     "merge": "{files}",

@@ -5,10 +5,11 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import urlencode
 
 import pytest
 
@@ -34,15 +35,23 @@ class Explored:
         self.address = address = next(iter(process.lines(1)), "")
         self.port = int(address.rstrip("/").rpartition(":")[2] or 0)  # "" where it did not start
 
-    def ask(self, path: str, method: str = "GET", **headers: str) -> Answer:
+    def ask(
+        self, path: str, method: str = "GET", body: str | None = None, **headers: str
+    ) -> Answer:
         """One request."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
-        connection.request(method, path, headers=headers)
+        connection.request(method, path, body, headers)
         answer = connection.getresponse()
         text = answer.read().decode()
         connection.close()
         named = {name.lower(): value for name, value in answer.getheaders()}
         return Answer(answer.status, named, text)
+
+    def post(self, path: str, fields: Mapping[str, str], **headers: str) -> Answer:
+        """A form, as this page's own unless `headers` say otherwise."""
+        sent = {"Origin": self.address.rstrip("/")} | headers
+        sent["Content-Type"] = "application/x-www-form-urlencoded"
+        return self.ask(path, "POST", body=urlencode(fields), **sent)
 
     def image(self, path: str) -> tuple[int, bytes]:
         """The status, and the first eight bytes of what comes."""

@@ -1,8 +1,9 @@
 """What is counted, held against a reckoning word by word; which page is an entity's own."""
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import given, settings
@@ -12,13 +13,93 @@ from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.links import texts
 from kb.links.build import Own, aliases, own_pages
-from kb.pairs.keywords import Keyword, Keywords, load, make_keywords
+from kb.pairs.keywords import EXCLUDED, NEVER, Keyword, Keywords, load, make_keywords
 from kb.schema import table
 from kb.schema.wiki_page import PageNames
 from kb.wiki.parse.answers import named_pages
 from tests.inprocess import Here
-from tests.links import by_hand, made
+from tests.links import made
+from tests.pairs import reference
 from tests.wiki import handmade_data as wiki
+
+Row = tuple[str, str, str, str, str, int, "float | None"]
+
+# -- the slow, obvious way to count who speaks of what: word by word, text after text --------------
+
+
+class Hit(NamedTuple):
+    """A keyword's number, and the first and last word of where it stands."""
+
+    keyword: int
+    first: int
+    last: int
+
+
+def hits(blocks: Sequence[str], keywords: Keywords) -> list[Hit]:
+    """Keywords that count in a text of blocks, which no phrase crosses; a block's end is a word."""
+    owner = dict(zip(keywords.phrases, keywords.of, strict=True))
+    found, before = [], 0
+    for block in blocks:
+        for phrase, start, end in reference.find(block, list(owner)):
+            if owner[phrase] != EXCLUDED:
+                first, last = (before + word_at(block, at) for at in (start, end - 1))
+                found.append(Hit(owner[phrase], first, last))
+        before += len(block.split()) + 1
+    certain = [one for one in found if keywords.every[one.keyword].reach is None]
+    return [one for one in found if _counts(one, certain, keywords)]
+
+
+def word_at(text: str, place: int) -> int:
+    """Which of a text's words, parted by white space, holds a character."""
+    return len(text[: place + 1].split()) - 1
+
+
+def _counts(one: Hit, certain: list[Hit], keywords: Keywords) -> bool:
+    reach = keywords.every[one.keyword].reach
+    if reach is None:
+        return True
+    if reach == NEVER:
+        return False
+    return any(
+        0 < one.first - other.last <= reach or 0 < other.first - one.last <= reach
+        for other in certain
+    )
+
+
+def mentions(
+    source: str, key: str, part: str, blocks: Sequence[str | None], keywords: Keywords
+) -> list[Row]:
+    """Rows of a text that is not timed."""
+    count: dict[str, int] = {}
+    for one in hits([block or "" for block in blocks], keywords):
+        name = keywords.every[one.keyword].name
+        count[name] = count.get(name, 0) + 1
+    return [(name, source, key, part, "mention", n, None) for name, n in count.items()]
+
+
+def transcript(key: str, cues: Sequence[tuple[int, str]], keywords: Keywords) -> list[Row]:
+    """Rows of a transcript whose cues (second, text) last until the next, the last one second: each
+    word gets an even share of its cue.
+    """
+    times: list[float] = []
+    for at, (start, text) in enumerate(cues):
+        end = cues[at + 1][0] if at + 1 < len(cues) else start + 1
+        words = len(text.split())
+        times += [
+            (start * 1000 + (end - start) * 1000 * place // words) / 1000 for place in range(words)
+        ]
+    seen: dict[str, tuple[int, float]] = {}
+    for one in hits([" ".join(text for _, text in cues)], keywords):
+        name = keywords.every[one.keyword].name
+        count, first = seen.get(name, (0, float("inf")))
+        seen[name] = count + 1, min(first, times[one.first])
+    return [
+        (name, "youtube", key, "transcript", "mention", count, first)
+        for name, (count, first) in seen.items()
+    ]
+
+
+# -- made worlds -----------------------------------------------------------------------------------
 
 TEXT = st.lists(st.sampled_from(made.WORDS), max_size=14).map(" ".join)
 CUES = st.lists(TEXT.filter(bool), max_size=4).map(
@@ -33,13 +114,13 @@ WORLD = {
 }
 
 
-def expected(world: dict[str, Any], keywords: Keywords) -> list[by_hand.Row]:
+def expected(world: dict[str, Any], keywords: Keywords) -> list[Row]:
     found = []
     for number, (title, body, cues) in enumerate(world["videos"]):
         key = made.video_id(number)
-        found += by_hand.mentions("youtube", key, "title", [title], keywords)
-        found += by_hand.mentions("youtube", key, "body", [body], keywords)
-        found += by_hand.transcript(key, cues, keywords)
+        found += mentions("youtube", key, "title", [title], keywords)
+        found += mentions("youtube", key, "body", [body], keywords)
+        found += transcript(key, cues, keywords)
     pages = [(number, title) for number, (title, _) in enumerate(world["pages"], made.FIRST_PAGE)]
     own = {
         (str(one.page_id), keywords.every[entity].name): one
@@ -47,19 +128,19 @@ def expected(world: dict[str, Any], keywords: Keywords) -> list[by_hand.Row]:
     }
     for number, (title, blocks) in enumerate(world["pages"], made.FIRST_PAGE):
         key = str(number)
-        titled = by_hand.mentions("wiki", key, "title", [title], keywords)
+        titled = mentions("wiki", key, "title", [title], keywords)
         found += [row for row in titled if (key, row[0]) not in own]
-        found += by_hand.mentions("wiki", key, "page", blocks, keywords)
+        found += mentions("wiki", key, "page", blocks, keywords)
     found += [
         (entity, "wiki", key, "title", one.how, one.names, None)
         for (key, entity), one in own.items()
     ]
     for number, (title, body, poll) in enumerate(world["posts"]):
         key = f"t3_p{number}"
-        found += by_hand.mentions("reddit", key, "title", [title], keywords)
-        found += by_hand.mentions("reddit", key, "body", [body, *poll], keywords)
+        found += mentions("reddit", key, "title", [title], keywords)
+        found += mentions("reddit", key, "body", [body, *poll], keywords)
     for number, body in enumerate(world["comments"]):
-        found += by_hand.mentions("reddit", f"t1_c{number}", "comment", [body], keywords)
+        found += mentions("reddit", f"t1_c{number}", "comment", [body], keywords)
     return sorted(found, key=lambda row: row[:4])
 
 

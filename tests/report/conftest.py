@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from kb.look import charts
 from kb.store.state.frontier import Frontier
 from tests.once import once
 from tests.recipes import report
@@ -38,18 +37,12 @@ def _make(root: Path) -> None:
             frontier.spend("search", 1, "search.list", f"2026-11-0{day}")
             frontier.spend("general", 5, "videos.list", f"2026-11-0{day}")
     frontier.close()
-    report(a_run(root))
-
-
-@pytest.fixture
-def no_pdf(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For a question about the page, which shows the others: half of a report is its PDF."""
-    monkeypatch.delitem(charts.FORMATS, "pdf")
+    report(a_run(root), figures=True)
 
 
 @pytest.fixture(scope="session")
 def of_one(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], OfOne]:
-    """of_one(source): made once; the root is read only. Only the videos' report has PDFs."""
+    """of_one(source): made once; the root is read only. Only the videos' has PDFs and a cloud."""
 
     @functools.cache
     def make(source: str) -> OfOne:
@@ -60,14 +53,9 @@ def of_one(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], OfOne]:
             (root / "clean" / "wiki" / "summary.json").write_text(
                 json.dumps({"model": "toxic_original"})
             )
-        with (
-            pytest.MonkeyPatch.context() as patch,
-            warnings.catch_warnings(record=True) as warned,
-        ):
-            if source != "youtube":
-                patch.delitem(charts.FORMATS, "pdf", raising=False)
+        with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
-            summary = report(a_run(root))
+            summary = report(a_run(root), figures=source == "youtube")
         page = (root / "report" / "index.html").read_text()
         return OfOne(root, page, summary, [str(one.message) for one in warned])
 

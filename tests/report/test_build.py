@@ -107,7 +107,7 @@ def test_same_bytes_whenever_wherever_and_with_any_number_of_workers(
     monkeypatch.setenv("KB_NOW", "2027-12-31T23:59:59Z")
     monkeypatch.setenv("TZ", "Asia/Tokyo")
     time.tzset()
-    report(a_run(tmp_path, workers=3))
+    report(a_run(tmp_path, workers=3), figures=True)
     after = {path.name: path.read_bytes() for path in (tmp_path / "report").iterdir()}
     assert after == before
     assert len(after) == 3 * 8 + 2  # three files a figure, the page and the manifest
@@ -120,7 +120,6 @@ def test_an_empty_root_gives_no_page_and_says_what_to_do(tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.usefixtures("no_pdf")
 def test_a_download_has_a_report_outside_of_it(
     tmp_path: Path, make_rows: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -139,7 +138,6 @@ def test_a_download_has_a_report_outside_of_it(
     assert sorted(download.rglob("*")) == before
 
 
-@pytest.mark.usefixtures("no_pdf")
 def test_a_demo_and_scores_of_the_tiny_model_are_marked(
     of_one: Callable[[str], OfOne], tmp_path: Path
 ) -> None:
@@ -158,7 +156,6 @@ def test_a_demo_and_scores_of_the_tiny_model_are_marked(
     assert page.count(demo_mark.NOTE) == 1
 
 
-@pytest.mark.usefixtures("no_pdf")
 def test_any_name_of_the_data_root(tmp_path: Path) -> None:
     odd = tmp_path / "a#b?c%41[d]*'e{f,g}"
     pages = []
@@ -173,7 +170,6 @@ def test_any_name_of_the_data_root(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {odd.name, "plain"}
 
 
-@pytest.mark.usefixtures("no_pdf")
 def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:
     """All that may be null is null, texts are empty, counts are 0."""
 

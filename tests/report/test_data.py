@@ -19,7 +19,6 @@ def cut(path: Path) -> str:
     return path.name
 
 
-@pytest.mark.usefixtures("no_pdf")
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     build(tmp_path, sources=("pairs",), export=False, n=10)
     path = tmp_path / "state" / "reddit.sqlite"

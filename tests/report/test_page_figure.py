@@ -62,7 +62,6 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(
         assert shown.crop(place).tobytes() == part.crop(place).tobytes()
 
 
-@pytest.mark.usefixtures("no_pdf")
 def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
     from PIL import Image
 

@@ -1,8 +1,6 @@
 """`kb tasks` as a user: the tables, MineDojo's file, a purge, and a run that finds nothing new."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -199,43 +197,6 @@ def test_what_people_say_of_tasks_counts(job: Job) -> None:
         card = " ".join(task_quality(con, job.root, folder))
     assert f"people judged 5 of {len(mined)} mined tasks. Left out" in card
     assert "or possible: 2; with a wording of theirs (`prompt_mined` has the title's): 1." in card
-
-
-def test_triage_takes_a_key_a_title_and_goes_on_where_it_ended(job: Job) -> None:
-    """In a pipe; "b" goes back, and answers once more."""
-    job.done("build", "tasks")
-    words = ["label", "triage", "tasks", "--annotator", "7", "--json"]
-    first = _typed(job, words, "a\nr\nb\na\ne\nbuild a whole town\nq\n")
-    assert "channel" in first.stdout
-    summary = json.loads(first.stdout.splitlines()[-1])
-    counted = [summary[f"{name}_tasks"] for name in ("accepted", "rejected", "reworded")]
-    assert counted == [2, 0, 1]
-    second = json.loads(_typed(job, words, "r").stdout.splitlines()[-1])
-    assert (second["rejected_tasks"], second["left"]) == (1, summary["left"] - 1)
-    sql = """FROM '$/labels/labels-*.parquet' SELECT question::VARCHAR, answer, count(*)
-        WHERE annotator = 7 GROUP BY ALL ORDER BY ALL"""
-    assert _rows(job, sql) == [
-        ("is_task", "no", 1),
-        ("is_task", "yes", 3),
-        ("wording", "build a whole town", 1),
-    ]
-    job.done("build", "tasks")
-    assert _rows(job, "FROM '$/tasks/tasks-*.parquet' SELECT 1 WHERE prompt = 'build a whole town'")
-
-
-def _typed(job: Job, words: list[str], keys: str) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        [sys.executable, "-m", "kb", *words],
-        input=keys,
-        env=job.env,
-        cwd=job.place,
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done
 
 
 def test_chapters_are_lines_with_times_from_zero_on() -> None:

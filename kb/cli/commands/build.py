@@ -213,15 +213,8 @@ def update(
         if not step.startswith("purge ") and any(name in failed.split() for failed, _ in failures):
             continue  # what is known to be gone goes all the same
         run.progress.say(f"kb {step}")
-        # An unfinished round goes on; a finished one is followed by the next.
-        as_run = replace(run, again=step.endswith(" crawl"))
         try:
-            if step.startswith("purge "):  # what it removes is made again by the build at the end
-                purge = Recipe("purge").defined("purge")
-                done[name][step] = purge(as_run, name, None, build=False)
-                continue
-            command_: Any = find_command(step.split())
-            done[name][step] = command_.function(as_run, **_as_before(run, name, step))
+            done[name][step] = _step(run, name, step)
         except KbError as error:
             failures.append((step, error))
             done[name][step] = (error.summary or {}) | ending(error, str(error))
@@ -238,8 +231,25 @@ def update(
             failures.append(("build", error))
             built = error.summary or {}
         summary |= {name: value for name, value in built.items() if name != "command"}
-    if not failures:
-        return summary
+    if failures:
+        raise _worst(failures, summary)
+    return summary
+
+
+def _step(run: Run, source: str, step: str) -> Summary:
+    """Run one command of an update."""
+    # An unfinished round goes on; a finished one is followed by the next.
+    as_run = replace(run, again=step.endswith(" crawl"))
+    if step.startswith("purge "):  # what it removes is made again by the build at the end
+        purged: Summary = Recipe("purge").defined("purge")(as_run, source, None, build=False)
+        return purged
+    command_: Any = find_command(step.split())
+    made: Summary = command_.function(as_run, **_as_before(run, source, step))
+    return made
+
+
+def _worst(failures: list[tuple[str, KbError]], summary: Summary) -> KbError:
+    """The failure that decides the exit code, with the step in its message."""
     step, worst = min(failures, key=lambda failure: severity(failure[1]))
     message, hint = f"kb {step}: {worst}", worst.hint or "the next run goes on there"
     if isinstance(worst, Stopped):
@@ -247,7 +257,7 @@ def update(
     else:
         worst = FatalError(message)
     worst.hint, worst.summary = hint, summary
-    raise worst
+    return worst
 
 
 def _steps_of(source: str, *, crawled: bool, imported: bool) -> list[str]:
@@ -274,9 +284,9 @@ def _as_before(run: Run, source: str, step: str) -> dict[str, Any]:
     if step.endswith(" import"):
         spans = {name: given.pop(name)[0] for name in ("since", "until") if given.get(name)}
         paths = {name: [Path(text) for text in texts] for name, texts in given.items() if texts}
-        if gone := [path for some in paths.values() for path in some if not path.exists()]:
+        if missing := [path for some in paths.values() for path in some if not path.exists()]:
             raise FatalError(
-                f"{gone[0]}, which was imported before, is gone",
+                f"{missing[0]}, which was imported before, is gone",
                 hint=f"restore it, or run `kb {source} crawl`, which asks the service",
             )
         return {**paths, **spans}

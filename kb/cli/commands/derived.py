@@ -97,7 +97,10 @@ report_app = group("Make figures and one HTML page about the collected data.")
     records=True,
     uses=("workers",),
     json="figures, page, without",
-    examples=["kb report                                then open report/index.html"],
+    examples=[
+        "kb report                                then open report/index.html",
+        "kb report --figures                      PDFs for a paper, and word clouds",
+    ],
 )
 def report(
     run: Run,
@@ -109,8 +112,12 @@ def report(
             help="Write there. [default: report/ in the data root; the cache for a download]",
         ),
     ] = None,
+    figures: Annotated[
+        bool,
+        typer.Option("--figures", help="Make PDFs and word clouds as well; builds repeat them."),
+    ] = False,
 ) -> Summary:
-    """Make figures (SVG, PNG, PDF) and one page that needs no network, in report/ of the data root.
+    """Make figures (SVG, PNG) and one page that needs no network, in report/ of the data root.
 
     Works at any time on what has been filtered so far, on a restored data root and on a downloaded
     release. The page names sources without data.
@@ -118,7 +125,7 @@ def report(
     from kb.artifacts.makers import make_artifact
 
     warn_stale(run)
-    return make_artifact(run, "report", {"out": out})
+    return make_artifact(run, "report", {"out": out, "figures": figures})
 
 
 annotate_app = group("Score text for toxicity. `filter` does this as well.")

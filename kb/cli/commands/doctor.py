@@ -194,12 +194,12 @@ def _disks(run: Run, place: Path) -> Iterator[Line]:
         disks.setdefault(there.stat().st_dev, (there, []))[1].append((source, gb))
     for there, planned in disks.values():
         free, needed = shutil.disk_usage(there).free, sum(gb * 1e9 for _, gb in planned)
-        told = f"{terminal.size(free)} free" + (f" at {there}" if there != place else "")
+        what = f"{terminal.size(free)} free" + (f" at {there}" if there != place else "")
         if planned:
             crawls = ", ".join(f"{source} {gb:.1f} GB" for source, gb in planned)
-            told += f"; crawls need about {terminal.size(int(needed))} ({crawls})"
+            what += f"; crawls need about {terminal.size(int(needed))} ({crawls})"
         fix = "free some, or take another --data"
-        yield (PROBLEM, "disk", told, fix) if needed > free else (OK, "disk", told, "")
+        yield (PROBLEM, "disk", what, fix) if needed > free else (OK, "disk", what, "")
 
 
 def _written_to(run: Run, source: str) -> Path:

@@ -1,8 +1,7 @@
-"""`kb label`: people judge a sample in Label Studio, or tasks in the terminal."""
+"""`kb label`: people judge a sample in Label Studio."""
 
 from __future__ import annotations
 
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,13 +9,13 @@ from typing import Annotated, Any
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.messages import show, show_row
+from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import OnlyPairs
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary, interval_text
 
-app = group("Let people judge a sample in Label Studio, or tasks in the terminal.")
+app = group("Let people judge a sample in Label Studio.")
 
 
 class JudgedKind(StrEnum):
@@ -104,42 +103,6 @@ def import_(
             shown = asked.get("n", asked["answers"])
             show_row((kind, name, shown, interval_text(asked), _kappa(asked.get("agreement"))))
     return summary
-
-
-class TriagedKind(StrEnum):
-    """What can be judged in the terminal."""
-
-    tasks = "tasks"
-
-
-@command(
-    app,
-    json="accepted_tasks, rejected_tasks, reworded_tasks, left, path",
-    examples=[
-        "kb label triage tasks                        a accept, r reject, e edit, b back, q quit",
-        "kb label triage tasks --annotator 2          what a second person thinks",
-    ],
-)
-def triage(
-    run: Run,
-    what: Annotated[TriagedKind, typer.Argument(help="What to judge.")],
-    annotator: Annotated[
-        int,
-        typer.Option(
-            "--annotator", min=0, metavar="N", help="The number of the person who judges."
-        ),
-    ] = 1,
-) -> Summary:
-    """Accept or reject tasks in the terminal: one title at a time, one key each.
-
-    Shows the title with its channel, the length of the video and the proposed prompt: a accepts it,
-    r rejects it, e asks for a better wording, b goes back to the title before, q quits, as the end
-    of input does. Each answer is written to labels/ at once, and the next run goes on with what
-    this person has not judged. `kb build` then applies the answers to tasks and release.
-    """
-    from kb.labels.triage import triage
-
-    return triage(run, annotator, show, sys.stdin)
 
 
 def _kappa(agreement: dict[str, Any] | None) -> str:

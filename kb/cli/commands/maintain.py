@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,7 +21,7 @@ from kb.core.sources import SOURCES, SourceDeclaration
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
-    from kb.verify.findings import Findings
+    from kb.verify.findings import Findings, VerifyFinding
 
 
 _SHOWN = 10  # findings of one kind in a folder
@@ -264,14 +264,7 @@ def verify(
     run.progress.close()
     for line in terminal.table(list(report.table())):
         typer.echo(line)
-    alike = Counter[tuple[str, Path, str]]()
-    for finding in report.entries:
-        alike[finding.state, finding.path.parent, finding.what] += 1
-        if alike[finding.state, finding.path.parent, finding.what] <= _SHOWN:
-            show(with_options(f"{finding.state}: {finding.path}: {finding.what}; {finding.advice}"))
-    for (state, where, what), number in alike.items():
-        if number > _SHOWN:
-            show(f"{state}: {where}: {number - _SHOWN:,} more files: {what}")
+    _show_findings(report.entries)
     for line in repaired:
         show(with_options(f"repair: {line}"))
     summary = Summary(command="verify", **report.summary(place), repaired=repaired)
@@ -286,6 +279,18 @@ def verify(
         error.summary = summary
         raise error
     return summary
+
+
+def _show_findings(findings: Iterable[VerifyFinding]) -> None:
+    """A line for each file, but at most _SHOWN for those of a folder with the same problem."""
+    alike = Counter[tuple[str, Path, str]]()
+    for finding in findings:
+        alike[finding.state, finding.path.parent, finding.what] += 1
+        if alike[finding.state, finding.path.parent, finding.what] <= _SHOWN:
+            show(with_options(f"{finding.state}: {finding.path}: {finding.what}; {finding.advice}"))
+    for (state, folder, what), number in alike.items():
+        if number > _SHOWN:
+            show(f"{state}: {folder}: {number - _SHOWN:,} more files: {what}")
 
 
 merge_app = group("Bring the data roots of several machines into one.")

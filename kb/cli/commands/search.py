@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -238,6 +239,7 @@ explore_app = group("Search, rows, stages and pairs in a browser, on this machin
     examples=[
         "kb explore                                 opens the pages in your browser",
         "kb explore --data downloaded --port 8080 --no-browser",
+        "kb explore --judge Anna --videos films     and judge pairs, with films of your own",
     ],
 )
 def explore(
@@ -248,6 +250,20 @@ def explore(
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Print the address only.")
     ] = False,
+    judge: Annotated[
+        str | None,
+        typer.Option(
+            "--judge", metavar="NAME", help="Let this person judge. The name is stored nowhere."
+        ),
+    ] = None,
+    videos: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--videos",
+            metavar="DIR",
+            help="With --judge: a folder with video files to play; may be given repeatedly.",
+        ),
+    ] = None,
 ) -> None:
     """Serve web pages over a data root or a downloaded release, until Ctrl-C.
 
@@ -255,15 +271,32 @@ def explore(
     and rejected rows with the stage and value that decided; what another threshold would keep; the
     pairs of a keyword. Each row, answer and pair leads to the page of its video, wiki page or
     thread. An index that is missing or out of date is built at the start, in the user's cache
-    where the data root can't be written; nothing else is. Prints the address on stdout. Listens on
-    127.0.0.1 only, and asks no service; links to videos, threads and pages open when you follow
-    them. Needs the extra `explore`.
+    where the data root can't be written; nothing else is, but for the answers of --judge. Prints
+    the address on stdout. Listens on 127.0.0.1 only, and asks no service; links to videos, threads
+    and pages open when you follow them. Needs the extra `explore`.
+
+    With --judge NAME the page Judge asks the questions of `kb label export`, one key for each
+    answer. Answers are rows of labels/, as those of Label Studio are, under a number that the name
+    always has. The clip is your own file where --videos names it (needs the extra `clips`), else
+    the service's player once you open it.
     """
     from kb.artifacts.table_catalog import read_catalog
     from kb.cli.commands.overview import overview
+    from kb.core.errors import SettingError
+    from kb.core.installation import require
+    from kb.explore.judge import JudgeDesk
     from kb.explore.server import serve
+    from kb.labels.judging import Judge, annotator_number
     from kb.registry import SOURCES as CLASSES
 
+    if videos and judge is None:
+        raise SettingError("--videos is for --judge", hint="add --judge NAME, or leave it out")
+    if videos:
+        require("clips", "av", "PIL")
+    desk = None
+    if judge is not None:
+        desk = JudgeDesk(Judge(run, annotator_number(judge)), tuple(videos or ()))
+        desk.judge.measure()  # where a run before was killed
     warn_stale(run)
     serve(
         read_catalog(run.root).path,
@@ -271,10 +304,13 @@ def explore(
         lambda: overview(run),
         CLASSES,
         port,
+        desk=desk,
         browser=not no_browser,
         say=lambda address: print(address, flush=True),
         first=lambda: _build_index(run),
     )
+    if desk is not None and desk.judge.changes:
+        desk.judge.measure()
 
 
 def _build_index(run: Run) -> None:

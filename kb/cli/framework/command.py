@@ -391,8 +391,8 @@ class Handler(logging.Handler):
             self._counts[text] += 1
             if not self._debug and (count := self._counts[text]) > 1:
                 if count == 2:
-                    again = "the same again; further ones are only in the log (--log FILE)"
-                    print(f"{text[:120]}: {again}", file=sys.stderr, flush=True)
+                    repeated = "the same again; further ones are only in the log (--log FILE)"
+                    print(f"{text[:120]}: {repeated}", file=sys.stderr, flush=True)
                 return
             text += f"; {advice}" if (advice := _ADVICE.get(record.name.partition(".")[0])) else ""
             if trace:  # indented, so that its lines can't be taken for lines of ours

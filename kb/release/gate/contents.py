@@ -151,8 +151,8 @@ def _in_parquet(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]
     with reading([path]):
         for batch in file.iter_batches(10_000, columns=names):
             for name, column in zip(batch.schema.names, batch.columns, strict=True):
-                if name not in hits and (found := _in_column(column, wanted)):
-                    hits[name] = found
+                if name not in hits and (hit := _in_column(column, wanted)):
+                    hits[name] = hit
     yield from ((f"column {name}", hits[name]) for name in names if name in hits)
 
 
@@ -161,7 +161,7 @@ def _in_column(column: pa.Array[Any], wanted: SecretPatterns) -> str | None:
     if isinstance(column, (pa.ListArray, pa.StructArray)):
         inner = column.flatten()
         parts = inner if isinstance(inner, list) else [inner]
-        return next((found for part in parts if (found := _in_column(part, wanted))), None)
+        return next((hit for part in parts if (hit := _in_column(part, wanted))), None)
     if not isinstance(column, (pa.StringArray, pa.LargeStringArray)):
         return None
     text = column.buffers()[2]
@@ -224,19 +224,19 @@ def personal_counts(folder: ReleaseFolder) -> dict[tuple[str, str], tuple[int, i
     """(table, column) → rows, rows with an e-mail address, rows with a phone number; only of
     columns that people wrote.
     """
-    found = {
+    totals = {
         (part.table.short, column.name): (0, 0, 0)
         for part in folder.parts
         for column in part.table.columns
         if column.released and column.content and column.type == "string"
     }
     for part in folder.parts:
-        keys = [key for key in found if key[0] == part.table.short]
+        keys = [key for key in totals if key[0] == part.table.short]
         for shard in part.shards if keys else ():
             for place, *counts in _counts(shard, [name for _, name in keys]):
-                rows, emails, phones = map(sum, zip(found[keys[place]], counts, strict=True))
-                found[keys[place]] = (rows, emails, phones)
-    return found
+                rows, emails, phones = map(sum, zip(totals[keys[place]], counts, strict=True))
+                totals[keys[place]] = (rows, emails, phones)
+    return totals
 
 
 def _counts(shard: Path, names: Sequence[str]) -> Iterator[tuple[int, int, int, int]]:
@@ -246,12 +246,12 @@ def _counts(shard: Path, names: Sequence[str]) -> Iterator[tuple[int, int, int, 
     """
     columns = ", ".join(f'"{name}"' for name in names)
     with database.asking() as con:
-        found = con.execute(
+        counted = con.execute(
             "SELECT place, count(*),"
             f" count(*) FILTER (contains(text, '@') AND regexp_matches(text, '{_EMAIL}')),"
             f" list(text) FILTER (regexp_matches(text, '{PHONE}'))"
             f" FROM (SELECT unnest(range({len(names)})) AS place, unnest([{columns}]) AS text"
             f" FROM {scan([shard])}) GROUP BY place"
         ).fetchall()
-    for place, rows, emails, numbers in found:
+    for place, rows, emails, numbers in counted:
         yield place, rows, emails, sum(map(holds_phone, numbers or ()))

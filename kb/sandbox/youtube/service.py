@@ -165,8 +165,8 @@ class DataApi:
         }
 
     def _requested_videos(self, request: Request) -> list[Any]:
-        found = map(self.world.youtube.video_of, dict.fromkeys(_ids(request)))
-        return [video for video in found if video is not None and video.in_api]
+        videos = map(self.world.youtube.video_of, dict.fromkeys(_ids(request)))
+        return [video for video in videos if video is not None and video.in_api]
 
 
 def _list(request: Request, name: str) -> list[str]:

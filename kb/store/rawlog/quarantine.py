@@ -93,16 +93,16 @@ def losses(root: Path, source: str, frontier: Frontier, *, every: bool = False) 
     Reads open segments, those that the state knows in part, noted ones, and with `every` all of
     them. `kb.store.rawlog.recorder` reads a closed segment that the state does not know.
     """
-    found: list[LostRange] = []
+    lost: list[LostRange] = []
     noted, known = noted_segments(root, source), frontier.offsets()
     for path in rawlog.all_segments(root, source):
         committed = known.pop((path.parent.name, rawlog.base_name(path)), 0)
         sure = committed in (0, path.stat().st_size) and not path.name.endswith(".open")
-        found += lost_of(path, committed, read=every or not sure or path in noted)
+        lost += lost_of(path, committed, read=every or not sure or path in noted)
     for (kind, name), committed in known.items():
         path = rawlog.folder(root, source, kind) / f"{name}{rawlog.SUFFIX}"
-        found += [LostRange(path, 0, committed)] if committed else []
-    return found
+        lost += [LostRange(path, 0, committed)] if committed else []
+    return lost
 
 
 def lost_of(path: Path, committed: int = 0, *, read: bool = True) -> list[LostRange]:
@@ -111,8 +111,8 @@ def lost_of(path: Path, committed: int = 0, *, read: bool = True) -> list[LostRa
     """
     size = path.stat().st_size
     damaged = gaps(path, min(committed, size)) if read else []
-    found = [LostRange(path, start, end) for start, end in damaged]
-    return [*found, LostRange(path, size, committed)] if committed > size else found
+    lost = [LostRange(path, start, end) for start, end in damaged]
+    return [*lost, LostRange(path, size, committed)] if committed > size else lost
 
 
 def set_aside(lost: Sequence[LostRange]) -> list[LostRange]:

@@ -41,12 +41,12 @@ def raw_files(
     links to folders. Raises DamagedData for a link that leads back or nowhere (kb.store.walk).
     """
     top = Layout(root).raw(source)
-    found = (
+    paths = (
         path
         for path in files_below(Layout(root).raw(source, kind), root)
         if kind_of(source, path.relative_to(top)) in of
     )
-    return sorted(found)
+    return sorted(paths)
 
 
 def kind_of(source: str, path: Path) -> RawKind:

@@ -191,9 +191,9 @@ def remote_folders(address: str, options: Mapping[str, Any] | None = None) -> li
         given = dict(options or {})
         system, path = fsspec.core.url_to_fs(address, **_ways(address, given), **given)
         path = path.rstrip("/")
-        found = system.find(path, maxdepth=2, detail=True)
+        listed = system.find(path, maxdepth=2, detail=True)
         folders: dict[str, dict[str, int]] = {}
-        for full, about in sorted(found.items()):
+        for full, about in sorted(listed.items()):
             # A web server's listing has names alone: each file is asked for its size.
             size = system.size(full) if about["size"] is None else about["size"]
             if size is None:

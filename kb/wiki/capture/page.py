@@ -201,14 +201,16 @@ def capture(
                 if (served := network.response_of(address))
             ]
             raise ServerFault("resource_failed", after=max(waits, default=0.0) or None)
-    look = partial(_look, browser, network, url, shot, rules, max_height, page_id, turn)
+    capture_once = partial(
+        _capture_once, browser, network, url, shot, rules, max_height, page_id, turn
+    )
     for _ in range(patience - 1):
         try:
-            return look()
+            return capture_once()
         except PageMoved:
             # What moved because its picture was taken stands still when it is taken again.
             browser.allow(browser.page_seconds)
-    return look()
+    return capture_once()
 
 
 @contextmanager
@@ -226,7 +228,7 @@ def _explained(browser: Browser, network: PageTraffic, url: str) -> Iterator[Non
         raise _redirect_error(browser, url) or error from None
 
 
-def _look(
+def _capture_once(
     browser: Browser,
     network: PageTraffic,
     url: str,

@@ -289,7 +289,7 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     shown = _joined(rows, captures, ("page_id", "revision_id", "title"))
     failed = _joined(rows, failures, ("page_id", "revision_id"))
     robots = pc.equal(failed["outcome"], "robots")
-    again = pc.equal(failed["outcome"], "failed")
+    failed_for_now = pc.equal(failed["outcome"], "failed")
     open_ = pc.and_(pc.is_null(shown["folder"]), pc.invert(absent))
     none = pa.scalar(None, pa.string())
     own: dict[str, Any] = {
@@ -300,9 +300,9 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
         "captured": pc.is_valid(shown["folder"]),
         "robots": pc.if_else(pc.and_(open_, robots), failed["reason"], none),
         "render": pc.if_else(
-            pc.and_(open_, pc.invert(pc.or_(robots, again))), failed["reason"], none
+            pc.and_(open_, pc.invert(pc.or_(robots, failed_for_now))), failed["reason"], none
         ),
-        "failed": pc.if_else(pc.and_(open_, again), failed["reason"], none),
+        "failed": pc.if_else(pc.and_(open_, failed_for_now), failed["reason"], none),
         "said": pc.if_else(robots, failed["url"], failed["value"]),
         "folder": shown["folder"],
         "settled": shown["settled"],

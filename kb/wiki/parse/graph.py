@@ -160,7 +160,7 @@ def _turns(name: str, slots: Sequence[Row]) -> Iterator[tuple[str, list[_Slot], 
 
 def _added_up(cells: Iterable[Sequence[Row]]) -> list[_Slot]:
     """What lies in the slots; those that hold the same things count together."""
-    found: dict[tuple[str, ...], _Slot] = {}
+    slots: dict[tuple[str, ...], _Slot] = {}
     for cell in cells:
         amounts: dict[str, int | None] = {}
         for thing in cell:
@@ -169,14 +169,14 @@ def _added_up(cells: Iterable[Sequence[Row]]) -> list[_Slot]:
         if not amounts:
             continue
         things, quantities = tuple(amounts), tuple(amounts.values())
-        if (known := found.get(things)) is not None:
+        if (known := slots.get(things)) is not None:
             quantities = tuple(
                 None if quantity is None or other is None else quantity + other
                 for quantity, other in zip(known.quantities, quantities, strict=True)
             )
         number = known.number if known is not None else cell[0]["slot"]
-        found[things] = _Slot(number, things, quantities)
-    return list(found.values())
+        slots[things] = _Slot(number, things, quantities)
+    return list(slots.values())
 
 
 def resolve_titles(clean: Path) -> dict[str, int]:

@@ -10,6 +10,7 @@ import pytest
 
 import kb
 from kb.annotate.toxicity import ToxicityScorer
+from kb.artifacts.makers import make_artifact
 from kb.core.context import Run
 from kb.filters.filter_run import run_clean, texts
 from kb.release.metadata.measure import models
@@ -24,7 +25,7 @@ from tests.links import made
 from tests.links.conftest import run  # noqa: F401  a fixture
 from tests.recipes import release
 from tests.release.made import build
-from tests.report.conftest import no_pdf  # noqa: F401  a fixture
+from tests.report.made import a_run
 from tests.youtube.job import Job
 
 
@@ -64,18 +65,22 @@ def test_the_release_has_ids_and_counts(run: Run, here: Here) -> None:  # noqa: 
     assert here("release", *at).code == 1
 
 
-@pytest.mark.usefixtures("no_pdf")
-def test_command_prints_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pdfs_are_made_when_asked_for_and_repeated_by_a_build(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     from kb.cli import main
 
     (tmp_path / "state").mkdir()
     build(tmp_path, sources=("pairs",), export=False, n=10)
-    with pytest.raises(SystemExit) as left:
-        main(["report", "--data", str(tmp_path), "--json", "--quiet"])
-    assert not left.value.code
-    summary = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert summary["figures"] == 3
-    assert Path(summary["page"]).is_file()
+    made = tmp_path / "report"
+    for words, suffixes in (([], {".svg", ".png"}), (["--figures"], {".svg", ".png", ".pdf"})):
+        with pytest.raises(SystemExit) as left:
+            main(["report", *words, "--data", str(tmp_path), "--json", "--quiet"])
+        assert not left.value.code
+        assert json.loads(capsys.readouterr().out.splitlines()[-1])["figures"] == 3
+        assert {path.suffix for path in made.iterdir()} == {".html", ".json", *suffixes}
+    make_artifact(a_run(tmp_path), "report")
+    assert {path.suffix for path in made.iterdir()} == {".html", ".json", *suffixes}
 
 
 needs("torch", "detoxify")

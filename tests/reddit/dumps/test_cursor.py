@@ -127,7 +127,7 @@ def test_a_dump_that_is_given_twice_is_read_once(tmp_path, capsys):
 
 @pytest.mark.parametrize(("workers", "number"), [(1, signal.SIGTERM), (2, signal.SIGINT)])
 def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
-    text = os.urandom(15_000).hex()
+    text = random.Random(1).randbytes(15_000).hex()
     lines = [
         [post(f"p{m}{n:06d}", selftext=text[n % 29_000 :][:900]) for n in range(15_000)]
         for m in range(workers)
@@ -200,13 +200,12 @@ def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
     """Killed between note and rename, and within a segment: the purge reaches the first, the second
     is read again.
     """
-    dump = write(
-        tmp_path / "RS.zst",
-        [
-            post(f"p{n:05d}", title=f"TITLE{n:05d}", selftext=os.urandom(300).hex())
-            for n in range(4_000)
-        ],
-    )
+    chance = random.Random(1)
+    posts = [
+        post(f"p{n:05d}", title=f"TITLE{n:05d}", selftext=chance.randbytes(300).hex())
+        for n in range(4_000)
+    ]
+    dump = write(tmp_path / "RS.zst", posts)
     import_file(ImportJob(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 300))
     name = note_name(dump, 0.0, float("inf"))
     place, base = cursor.load_cursor(tmp_path, name), rawlog.folder(tmp_path, "reddit", "dumps")
@@ -229,7 +228,8 @@ def test_a_repaired_dump_of_the_same_size_and_beginning_is_read(tmp_path):
     """Of the same name, too: what was broken far behind its beginning is told by what stands
     there, or, where that is not looked at, by the time of a dump that was damaged.
     """
-    noise = [post(f"n{n}", selftext=os.urandom(6_000).hex()) for n in range(60)]
+    chance = random.Random(1)
+    noise = [post(f"n{n}", selftext=chance.randbytes(6_000).hex()) for n in range(60)]
     dump = write(tmp_path / "RS.zst", noise, frames=60)
     whole = dump.read_bytes()
     assert len(whole) > 4 * known_dumps._START
