@@ -150,7 +150,7 @@ class Catalog:
 
         Raises DamagedData for lost clean files: they are never taken for none.
         """
-        shorts = [*SOURCES[source].tables] if source in SOURCES else [source]
+        shorts = [*SOURCES[source].tables] if source in SOURCES else _main_tables(source)
         names = {(view.schema, view.name) for view in self.views}
         for schema in CONTENT:
             for short in shorts:
@@ -308,6 +308,12 @@ def bare(views: Iterable[View]) -> dict[str, View]:
     """What a name without a schema stands for."""
     ranked = sorted(views, key=lambda view: SCHEMAS.index(view.schema), reverse=True)
     return {view.name: view for view in ranked}
+
+
+def _main_tables(name: str) -> list[str]:
+    """Of what is made of sources: the table with its name, else all of its tables."""
+    own = [declared.short for declared in tables().values() if declared.source == name]
+    return [name] if name in own else own
 
 
 def view_name(declared: Table) -> str:

@@ -26,6 +26,7 @@ from kb.core.installation import np
 from kb.schema.tables import table
 from kb.score.film_pass import SAMPLE_S
 from kb.score.film_store import SeenFilm, seen_film, seen_videos
+from kb.store.artifact_registry import ARTIFACTS, MANIFEST
 from kb.store.layout import Layout
 from kb.store.tables import database
 from kb.store.tables.reading import scan
@@ -79,16 +80,18 @@ def write_figures(run: Run) -> None:
     root, videos = run.root, seen_videos(run.root)
     if not videos:
         return
-    with manifest.replacing(root, "films", inputs={}) as build:
-        for name, rows in (
-            (_SHOTS, _shot_rows(run, videos)),
-            (_FIGURES, _figure_rows(run, videos)),
-        ):
-            names = table(name).names()
-            dictionaries = [dict(zip(names, row, strict=True)) for row in rows]
-            file = build.folder / f"{name.partition('/')[2]}-00000-of-00001.parquet"
-            made = pa.Table.from_pylist(dictionaries, schema=table(name).arrow())
-            write_table(file, made, name)
+    # Users may keep their films in the same folder, so it is never replaced as a whole.
+    folder = ARTIFACTS["films"].folder(root)
+    (folder / MANIFEST).unlink(missing_ok=True)
+    for name, rows in (
+        (_SHOTS, _shot_rows(run, videos)),
+        (_FIGURES, _figure_rows(run, videos)),
+    ):
+        names = table(name).names()
+        dictionaries = [dict(zip(names, row, strict=True)) for row in rows]
+        made = pa.Table.from_pylist(dictionaries, schema=table(name).arrow())
+        write_table(folder / f"{name.partition('/')[2]}-00000-of-00001.parquet", made, name)
+    manifest.record(folder, "films")
 
 
 def _shot_rows(run: Run, videos: Iterable[str]) -> Iterator[tuple[Any, ...]]:
@@ -107,8 +110,8 @@ def _figure_rows(run: Run, videos: list[str]) -> Iterator[tuple[Any, ...]]:
         rows = (row for batch in reader for row in batch.to_pylist())
         for video, own in groupby(rows, key=itemgetter("video_id")):
             seen = seen_film(run.root, video)
-            for row in own if seen is not None else ():
-                if row["clip_start_s"] < seen.end_s:
+            for row in own:
+                if seen is not None and row["clip_start_s"] < seen.end_s:
                     yield row["pair_id"], video, *figures_of(row, seen)
 
 

@@ -103,7 +103,7 @@ class _Decoder:
         for frame in self._decoded(film, stream):
             if frame.pts is None or (before is not None and frame.pts <= (before.pts or 0)):
                 continue
-            at = float(max(frame.pts * base - start, 0))
+            at = max(0.0, float(frame.pts * base - start))
             if before is None:
                 shown = 0.0 if at <= LEAD_S else at
             else:
@@ -153,8 +153,10 @@ class _Sampler:
     def _sample(self, small: np.ndarray | None) -> None:
         image = None if small is None else small.astype(np.int16)
         if self._light:
-            known = image is not None and self._last is not None
-            self._motion.append(float(np.abs(image - self._last).mean()) if known else np.nan)
+            apart = np.nan
+            if image is not None and self._last is not None:
+                apart = float(np.abs(image - self._last).mean())
+            self._motion.append(apart)
         self._light.append(np.nan if image is None else float(image.mean()))
         self._last = image
 

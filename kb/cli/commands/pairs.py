@@ -13,7 +13,16 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
-from kb.cli.framework.options import CLUSTER, Device, DeviceOption, Films, OnlyPairs, Plan
+from kb.cli.framework.options import (
+    CLUSTER,
+    Device,
+    DeviceOption,
+    Films,
+    OnlyPairs,
+    Part,
+    Plan,
+    parse_part,
+)
 from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.errors import SettingError
@@ -160,6 +169,7 @@ def draw(
         "kb pairs score --videos films --model ViT-B-16.pt   all pairs whose film is in films",
         "kb pairs score --videos films --sample 1000         the model of `kb models fetch clip`",
         "kb pairs score --videos films --pairs draw/pairs.parquet",
+        "kb pairs score --videos films --part 1/3            the first of three machines",
     ],
 )
 def score(
@@ -187,6 +197,7 @@ def score(
         int | None, typer.Option("--sample", min=1, metavar="N", help="Random sample of N pairs.")
     ] = None,
     device: DeviceOption = Device.auto,
+    part: Part = None,
 ) -> Summary:
     """Score how well clips show what texts say, with a CLIP model and your own video files.
 
@@ -202,7 +213,8 @@ def score(
     from kb.score.build import score as scored
 
     folders = [folder.expanduser() for folder in videos or ()]
-    summary = scored(run, folders, model, Chosen("", pairs, "", sample), str(device))
+    chosen = Chosen("", pairs, "", sample, part=parse_part(part))
+    summary = scored(run, folders, model, chosen, str(device))
     seen = summary["visible"]
     if not seen["judged"]:
         run.progress.say(
