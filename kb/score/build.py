@@ -36,7 +36,7 @@ from kb.annotate.backends import choose_device
 from kb.artifacts import manifest, measures, table_catalog
 from kb.artifacts.measures import QUANTILES, quantiles_of
 from kb.clips.build import SHORT, Chosen, selected, version_of
-from kb.clips.film_lookup import FILM_DIFFERS, MISSING, UNDECODABLE
+from kb.clips.film_lookup import FILM_DIFFERS, MISSING, UNDECODABLE, film_length_s
 from kb.clips.frames import UndecodableVideo
 from kb.core.config.profile import Profile
 from kb.core.context import Run
@@ -72,6 +72,7 @@ _RULES = 2  # raise it when the same film, pairs and model give other scores
 _COLUMNS = "pair_id, video_id, text, clip_start_s, clip_end_s, match_start_s, match_end_s"
 NAME = "pairs/scores"
 NO_TEXT = "no_text"
+_PLANNED_BYTES = 2 * 512  # of a vector
 _REASONS = (MISSING, SHORT, UNDECODABLE, FILM_DIFFERS, NO_TEXT)
 SECTION = "scores"
 _BINS = 10
@@ -154,6 +155,33 @@ def score(
         model=name,
         visible=visible,
         path=str(Layout(run.root).pairs),
+    )
+
+
+def plan(run: Run, folders: Sequence[Path], model: Path | None, chosen: Chosen) -> Summary:
+    """What a run would decode and store: films that were not seen or of which vectors are lacking,
+    their hours, and the size of the vectors of a model with 512 dimensions. Writes nothing.
+    """
+    path = checkpoint_file(run.profile) if model is None else model.expanduser()
+    name = model_name(path) if path.exists() else ""
+    pairs = films = places = 0
+    seconds = 0.0
+    with selected(run, folders, chosen, _COLUMNS) as (found, videos, rows):
+        for own in rows:
+            video_id = own[0]["video_id"]
+            pairs += len(own)
+            seen, vectors = seen_film(run.root, video_id), vectors_of(run.root, video_id, name)
+            lacking = {tick for row in own for tick in _lacking(row, seen, vectors, 1.0)}
+            if video_id in found.films and lacking:
+                films, places = films + 1, places + len(lacking)
+                seconds += film_length_s(found.films[video_id])
+    return Summary(
+        command="pairs score",
+        pairs=pairs,
+        videos=len(videos),
+        films=films,
+        hours=round(seconds / 3600, 2),
+        gigabytes=round(places * _PLANNED_BYTES / 1e9, 3),
     )
 
 

@@ -199,7 +199,10 @@ def test_films_may_go_when_they_were_seen(place: Path, here: Here) -> None:
     data, other = place / "data", shutil.copytree(place / "data", place / "other")
     made = [f"{name}-00000-of-00001.parquet" for name in ("shots", "film_figures")]
     films = str(place / "films")
-    assert here(*scoring, "--videos", films, *at, str(data)).code == 0
+    for decoded in (2, 0):
+        plan = here(*scoring[:4], "--videos", films, "--plan", "--json", *at, str(data))
+        assert json.loads(plan.out.splitlines()[-1])["films"] == decoded, plan.err
+        assert here(*scoring, "--videos", films, *at, str(data)).code == 0
     part = ("--part", "1/3", "--videos", films)
     done = here(*scoring, *part, "--json", *at, str(other))
     assert json.loads(done.out.splitlines()[-1])["videos"] == 1

@@ -165,11 +165,13 @@ def draw(
     uses=("workers",),
     json="pairs, scored, missing, short, undecodable, film_differs, no_text, videos,"
     " unknown_length, model, visible, path",
+    planned=("videos", "pairs", "model", "sample", "part"),
     examples=[
         "kb pairs score --videos films --model ViT-B-16.pt   all pairs whose film is in films",
         "kb pairs score --videos films --sample 1000         the model of `kb models fetch clip`",
         "kb pairs score --videos films --pairs draw/pairs.parquet",
         "kb pairs score --videos films --part 1/3            the first of three machines",
+        "kb pairs score --videos films --plan                hours of films and size of vectors",
     ],
 )
 def score(
@@ -198,6 +200,7 @@ def score(
     ] = None,
     device: DeviceOption = Device.auto,
     part: Part = None,
+    plan: Plan = False,
 ) -> Summary:
     """Score how well clips show what texts say, with a CLIP model and your own video files.
 
@@ -210,11 +213,13 @@ def score(
     stopped resumes, and a film that was seen is not decoded again. Lorecrawl downloads no video.
     """
     from kb.clips.build import Chosen
-    from kb.score.build import score as scored
+    from kb.score import build
 
     folders = [folder.expanduser() for folder in videos or ()]
     chosen = Chosen("", pairs, "", sample, part=parse_part(part))
-    summary = scored(run, folders, model, chosen, str(device))
+    if plan:
+        return build.plan(run, folders, model, chosen)
+    summary = build.score(run, folders, model, chosen, str(device))
     seen = summary["visible"]
     if not seen["judged"]:
         run.progress.say(
