@@ -19,8 +19,7 @@ from kb.core.errors import Retryable, SettingError
 from kb.core.summary import Summary
 from kb.crawl.quota import Quota
 from kb.crawl.share import Part
-from kb.net.retry import PATIENCE_S, TRIES, attempt, blocked
-from kb.net.session import Note
+from kb.net.retry import PATIENCE_S, TRIES, Note, attempt, blocked
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 

@@ -28,8 +28,8 @@ from kb.crawl.connector import Answer, Connector, Opened, Phase, seed_requests
 from kb.crawl.quota import Quota
 from kb.crawl.share import Part, share
 from kb.net.rate import Pace
-from kb.net.retry import TRIES
-from kb.net.session import HttpSession, Note, PerThread, host_of, place, send
+from kb.net.retry import TRIES, Note
+from kb.net.session import HttpSession, PerThread, host_of, place, send
 from kb.schema.coerce import inner
 from kb.store.layout import Layout
 from kb.store.rawlog.rawlog import SEEDS, Envelope

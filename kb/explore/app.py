@@ -30,6 +30,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from kb.core import terminal
 from kb.core.config.profile import Profile
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
+from kb.core.progress import span
 from kb.core.templates import environment
 from kb.explore import clip, documents, judge, overview, pairs, rows, search, thresholds
 from kb.explore.judge import JudgeDesk
@@ -37,6 +38,7 @@ from kb.explore.tables import CurrentTables
 from kb.look.charts import number
 from kb.mcp.documents import Readers
 from kb.store.state import demo_mark
+from kb.store.state.run_records import kept, made_in_words
 
 HOST = "127.0.0.1"
 _HOSTS = [HOST, "localhost"]  # with any port
@@ -64,6 +66,7 @@ _OF_CLIP = {
     " frame-ancestors 'self'",
     "referrer-policy": "strict-origin-when-cross-origin",
 }
+_OF_PICTURE = {"content-security-policy": "default-src 'none'; style-src 'unsafe-inline'"}
 _LARGEST = 100_000  # bytes of a form
 
 
@@ -81,6 +84,7 @@ _FILTERS: dict[str, Callable[[Any], str]] = {
     "short": number,
     "moment": lambda at: f"{at[:10]} {at[11:16]}" if at else "never",
     "seconds": clock_time,
+    "span": span,
     "size": terminal.size,
 }
 
@@ -93,6 +97,7 @@ PAGES = {
     "/pairs": "Pairs",
     "/judge": "Judge",
     "/status": "Status",
+    "/runs": "Runs",
 }
 
 Page = Callable[[Path, Mapping[str, str]], Any]
@@ -104,11 +109,12 @@ def make(
     profile: Profile,
     about: Callable[[], Mapping[str, Any]],
     readers: Readers,
+    graph: Callable[[], bytes],
     desk: JudgeDesk | None = None,
 ) -> Starlette:
     """The application over a data root or a release; `profile` has its thresholds, `about` returns
-    what `kb status` knows, `readers` read the documents of sources, and whoever sits at the `desk`
-    may judge.
+    what `kb status` knows, `readers` read the documents of sources, `graph` draws what is made of
+    what as SVG, and whoever sits at the `desk` may judge.
     """
     templates = environment(_HERE / "templates", _FILTERS, autoescape=True)
     language = profile.language
@@ -196,6 +202,13 @@ def make(
                 page("thresholds", lambda at, q: thresholds.read(CurrentTables(at), profile, q)),
             ),
             Route("/status", page("status", lambda _, __: about())),
+            Route(
+                "/graph.svg",
+                lambda _: Response(graph(), media_type="image/svg+xml", headers=_OF_PICTURE),
+            ),
+            Route(
+                "/runs", page("runs", lambda at, _: [(run, made_in_words(run)) for run in kept(at)])
+            ),
             Route(
                 "/pairs", page("pairs", lambda at, q: pairs.read(CurrentTables(at), language, q))
             ),

@@ -15,7 +15,9 @@ from urllib.parse import urlencode
 
 from kb.artifacts import manifest
 from kb.core.errors import UsageError
+from kb.explore import pairs
 from kb.explore.pairs import marked_pieces
+from kb.explore.tables import CurrentTables
 from kb.labels.judging import ItemSample, Judge
 from kb.labels.questions import KINDS, PAIRS, Labeling, LabelQuestion
 from kb.labels.sample import DescribedVideo, clip_times, described, has_text, surroundings
@@ -127,7 +129,7 @@ def read(desk: JudgeDesk | None, query: Mapping[str, str]) -> JudgePage:
     """The item that an address names, else the first that the person has not judged, after that
     named `after` before any other. Raises UsageError, DamagedData.
     """
-    sample, given = parse(query)
+    sample, given = parse(desk, query)
     labeling = sample.labeling
     if desk is None:
         return JudgePage(labeling, sample, given, is_on=False)
@@ -181,8 +183,8 @@ def _asked(questions: list[LabelQuestion], answers: Mapping[str, str]) -> list[A
     return [one if one.choices else one._replace(key=next(free)) for one in asked]
 
 
-def parse(query: Mapping[str, str]) -> tuple[ItemSample, dict[str, str]]:
-    """The sample of an address, and the fields that name it. Raises UsageError."""
+def parse(desk: JudgeDesk | None, query: Mapping[str, str]) -> tuple[ItemSample, dict[str, str]]:
+    """The sample of an address, and the fields that name it. Raises UsageError, DamagedData."""
     given = {
         name: query.get(name) or default
         for name, default in (("what", "pairs"), ("sample", str(SAMPLE)), ("seed", "0"))
@@ -191,7 +193,12 @@ def parse(query: Mapping[str, str]) -> tuple[ItemSample, dict[str, str]]:
     if given["what"] not in kinds:
         raise UsageError(f"unknown kind {given['what']!r}", hint=f"use one of {', '.join(kinds)}")
     numbers = [_whole(given[name], most) for name, most in (("sample", _MOST), ("seed", 2**63))]
-    return ItemSample(kinds[given["what"]], max(1, numbers[0]), numbers[1]), given
+    labeling, where = kinds[given["what"]], ""
+    if labeling is PAIRS and (filters := pairs.fields_of(query)) and desk is not None:
+        tables = CurrentTables(desk.judge.run.root)
+        where = pairs.where_of(query, pairs.columns_of(tables))
+        given |= filters
+    return ItemSample(labeling, max(1, numbers[0]), numbers[1], where), given
 
 
 def _whole(text: str, most: int) -> int:
@@ -206,7 +213,7 @@ def answered(desk: JudgeDesk, query: Mapping[str, str]) -> str:
 
     Raises UsageError, FatalError, WriterLocked, DamagedData, DiskFull.
     """
-    sample, given = parse(query)
+    sample, given = parse(desk, query)
     item = query.get("item", "")
     if query.get("undo"):
         change = desk.judge.undo()

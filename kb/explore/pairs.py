@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
 import duckdb
 
+from kb.core.errors import UsageError
 from kb.core.sources import SOURCES, made_of
-from kb.explore.tables import CurrentTables, page_number
+from kb.explore.conditions import (
+    MOST,
+    TESTS,
+    Condition,
+    conditions,
+    fields,
+    literal,
+    sql_of,
+)
+from kb.explore.tables import CurrentTables, page_number, quoted
+from kb.pairs.pair_selection import SCORES, asking
 
 (VIDEOS,) = made_of("pairs")  # the source of the videos
 ON_A_PAGE = 18  # cards: a number that fills rows of two and of three
@@ -31,9 +43,11 @@ class QualityMark(NamedTuple):
 
 class PairCard(NamedTuple):
     """A pair for people. `pieces` is the text in pieces of which every second one is the phrase, []
-    without a text; `watch` the clip at the service, `here` its place on the video's page.
+    without a text; `watch` the clip at the service, `here` its place on the video's page, `cluster`
+    the page of those that say nearly the same, "" without any.
     """
 
+    pair_id: str
     keyword: str
     kind: str
     title: str
@@ -45,29 +59,72 @@ class PairCard(NamedTuple):
     marks: list[QualityMark]
     scores: list[tuple[str, str]]
     answers: list[str]
+    cluster: str
 
 
 @dataclass(frozen=True)
 class PairsPage:
-    """Pairs in the order of video and time."""
+    """Pairs in the order of video and time, or of a column. `where` is their condition as a draw
+    takes it; `given` are the fields of the address, and `filtered` the columns that it may name.
+    """
 
-    keyword: str
-    kind: str
+    given: dict[str, str]
     page: int
     total: int
     pairs: list[PairCard]
     keywords: list[tuple[str, int]]
     kinds: list[str]
+    where: str = ""
+    conditions: list[Condition] = field(default_factory=list)
+    filtered: list[str] = field(default_factory=list)
+    tests: tuple[str, ...] = TESTS
+    most_conditions: int = MOST
+
+    @property
+    def keyword(self) -> str:
+        """The keyword that is asked for, "" for any."""
+        return self.given.get("keyword", "")
+
+    @property
+    def kind(self) -> str:
+        """The kind of keyword that is asked for, "" for any."""
+        return self.given.get("kind", "")
+
+    @property
+    def cluster(self) -> str:
+        """The pair whose near duplicates are asked for, "" for any pairs."""
+        return self.given.get("cluster", "")
+
+    @property
+    def sort(self) -> str:
+        """The column that orders the pairs, "" for their place."""
+        return self.given.get("sort", "")
+
+    @property
+    def descending(self) -> bool:
+        """Whether the largest comes first."""
+        return bool(self.given.get("descending"))
 
     @property
     def pages(self) -> int:
         """How many there are."""
         return max(1, min(_LAST, -(-self.total // ON_A_PAGE)))
 
+    @property
+    def option(self) -> str:
+        """The condition as an option of a command, for a shell."""
+        is_plain = not set('"$`\\!') & set(self.where)
+        return "--where " + (f'"{self.where}"' if is_plain else shlex.quote(self.where))
+
+    @property
+    def judged(self) -> str:
+        """The address at which these pairs are judged."""
+        filters = {name: v for name, v in self.given.items() if name not in ("sort", "descending")}
+        return f"/judge?{urlencode({'what': 'pairs'} | filters)}"
+
     def address(self, page: int) -> str:
         """The address of another page of the same pairs."""
-        given = {"keyword": self.keyword, "kind": self.kind, "page": page}
-        return f"/pairs?{urlencode({name: value for name, value in given.items() if value})}"
+        return f"/pairs?{urlencode(self.given | {'page': page})}"
 
 
 def read(tables: CurrentTables, language: str, query: Mapping[str, str]) -> PairsPage:
@@ -75,22 +132,79 @@ def read(tables: CurrentTables, language: str, query: Mapping[str, str]) -> Pair
 
     Raises UsageError, DamagedData.
     """
-    keyword, kind, page = query.get("keyword", ""), query.get("kind", ""), page_number(query, _LAST)
+    page, given = page_number(query, _LAST), fields_of(query)
     if "pairs" not in tables:
-        return PairsPage(keyword, kind, 1, 0, [], [], [])
-    full = tables.view("pairs").full
-    with tables.asked("pairs") as con:
+        return PairsPage(given, 1, 0, [], [], [])
+    full, kinds = tables.view("pairs").full, columns_of(tables)
+    where = where_of(query, kinds)
+    order = "video_id, clip_start_s, pair_id"
+    if sort := given.get("sort"):
+        if sort not in kinds:
+            raise UsageError(f"unknown column {sort!r}")
+        order = f"{quoted(sort)}{' DESC' if given.get('descending') else ''} NULLS LAST, {order}"
+    asked = asking(tables.catalog, where=_named(where, sort)) if where or sort else ""
+    with tables.asked(*_tables(tables)) as con:
         keywords = con.execute(
             f"SELECT keyword, count(*) AS n FROM {full} GROUP BY 1 ORDER BY n DESC, 1"
         ).fetchall()
-        kinds = con.execute(f"SELECT DISTINCT keyword_kind::VARCHAR FROM {full} ORDER BY 1")
-        given = [kind for (kind,) in kinds.fetchall()]
-        where = "(? = '' OR lower(keyword) = lower(?)) AND (? = '' OR keyword_kind = ?)"
-        values = [keyword, keyword, kind, kind]
-        total = con.execute(f"SELECT count(*) FROM {full} WHERE {where}", values).fetchall()[0][0]
-        at = (page - 1) * ON_A_PAGE
-    shown = cards(tables, language, where, values, f"LIMIT {ON_A_PAGE} OFFSET {at}")
-    return PairsPage(keyword, kind, page, total, shown, keywords, given)
+        found = con.execute(f"SELECT DISTINCT keyword_kind::VARCHAR FROM {full} ORDER BY 1")
+        names = [kind for (kind,) in found.fetchall()]
+        rows = f"({asked})" if asked else full
+        total = con.execute(f"SELECT count(*) FROM {rows}").fetchall()[0][0]
+        ids = con.execute(
+            f"SELECT pair_id FROM {rows} ORDER BY {order}"
+            f" LIMIT {ON_A_PAGE} OFFSET {(page - 1) * ON_A_PAGE}"
+        ).fetchall()
+    places = {pair_id: place for place, (pair_id,) in enumerate(ids)}
+    shown = cards(tables, language, "pair_id IN (SELECT unnest(?::VARCHAR[]))", [list(places)])
+    shown.sort(key=lambda pair: places[pair.pair_id])
+    given_conditions = conditions(query)
+    return PairsPage(given, page, total, shown, keywords, names, where, given_conditions, [*kinds])
+
+
+def fields_of(query: Mapping[str, str]) -> dict[str, str]:
+    """The fields of an address that say which pairs, in which order."""
+    named = {name: query.get(name, "") for name in ("keyword", "kind", "cluster", "sort")}
+    named["descending"] = query.get("descending", "") if named["sort"] else ""
+    return {name: v for name, v in named.items() if v} | fields(conditions(query))
+
+
+def where_of(query: Mapping[str, str], kinds: Mapping[str, str]) -> str:
+    """The condition of an address, as `kb pairs draw --where` takes it; "" for all pairs. Raises
+    UsageError.
+    """
+    parts = []
+    if keyword := query.get("keyword"):
+        parts.append(f"lower(keyword) = {literal(keyword.lower())}")
+    if kind := query.get("kind"):
+        parts.append(f"keyword_kind = {literal(kind)}")
+    if cluster := query.get("cluster"):
+        parts.append(f"{literal(cluster)} IN (pair_id, duplicate_of)")
+    return " AND ".join([*parts, *sql_of(conditions(query), kinds)])
+
+
+def columns_of(tables: CurrentTables) -> dict[str, str]:
+    """The columns of all that is known of pairs, and DuckDB's types of them. Raises DamagedData."""
+    with tables.asked(*_tables(tables)) as con:
+        every = {
+            name
+            for table in _tables(tables)[1:]
+            for name, *_ in con.sql(f"DESCRIBE {tables.view(table).full}").fetchall()
+        }
+        named = " OR ".join(f"{name} IS NULL" for name in sorted(every & {*SCORES}))
+        described = con.sql(f"DESCRIBE {asking(tables.catalog, where=named)}").fetchall()
+    return {name: kind for name, kind, *_ in described}
+
+
+def _named(where: str, sort: str | None) -> str:
+    """The condition, which names the column that pairs are sorted by as well."""
+    return f"({where or 'true'}) AND ({sort} IS NULL OR true)" if sort else where
+
+
+def _tables(tables: CurrentTables) -> list[str]:
+    """What is known of pairs: the tables of pairs, and labels."""
+    others = sorted(name for name in tables.names if name.startswith("pairs_"))
+    return ["pairs", *others, *(["labels"] if "labels" in tables else [])]
 
 
 def cards(
@@ -126,9 +240,11 @@ def cards(
     for pair in pairs:
         key, second = pair["pair_id"], int(pair["clip_start_s"])
         known = videos.get(pair["video_id"], [{}])[0].get("title")
+        about_it = quality.get(key, [{}])[0]
         place = {"ref": f"{VIDEOS}:{pair['video_id']}@{second}", "words": pair["keyword"]}
         made.append(
             PairCard(
+                key,
                 pair["keyword"],
                 pair["keyword_kind"],
                 known or pair["video_id"],
@@ -137,12 +253,18 @@ def cards(
                 pair["clip_end_s"],
                 f"{SOURCES[VIDEOS].url_of(pair['video_id'])}&t={second}s",
                 f"/document?{urlencode(place)}#here",
-                list(_marks(pair, quality.get(key, [{}])[0], language)),
+                list(_marks(pair, about_it, language)),
                 [score for given_scores in scores.get(key, ()) for score in _scores(given_scores)],
                 _answers(labels.get(key, ())),
+                _cluster(key, about_it),
             )
         )
     return made
+
+
+def _cluster(pair_id: str, quality: Mapping[str, Any]) -> str:
+    first = quality.get("duplicate_of") or pair_id
+    return f"/pairs?{urlencode({'cluster': first})}" if quality.get("cluster_size", 1) > 1 else ""
 
 
 def _by_key(
@@ -181,7 +303,9 @@ def _marks(
         yield QualityMark(spoken, "Language", warns=spoken != language)
     if (verb := quality.get("has_verb")) is not None:
         yield QualityMark(
-            "verb" if verb else "no verb", "A verb stands near the keyword", warns=not verb
+            "verb" if verb else "no verb near keyword",
+            "Whether a verb of the word list stands within five words of the keyword",
+            warns=not verb,
         )
     if (speed := quality.get("words_per_second")) is not None:
         yield QualityMark(f"{speed:.1f} words/s", "Speed of speech", warns=speed > _FAST)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from math import isfinite
 from typing import Any, NamedTuple
@@ -11,6 +11,7 @@ from urllib.parse import urlencode
 
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
+from kb.explore.conditions import MOST, TESTS, Condition, conditions, fields, sql_of
 from kb.explore.tables import CurrentTables, page_number, quoted
 from kb.look.headings import heading, plain, reading
 from kb.schema.tables import table
@@ -52,6 +53,7 @@ class RowsQuery:
     sort: str = ""
     descending: bool = False
     page: int = 1
+    conditions: tuple[Condition, ...] = ()
 
     @property
     def name(self) -> str:
@@ -74,8 +76,9 @@ class RowsQuery:
     def address(self, **changes: Any) -> str:
         """The page's address with other values. The first page, unless `page` is given."""
         values = {**vars(self), "page": 1, **changes}
+        filters = fields([*values.pop("conditions")])
         given = {name: int(v) if isinstance(v, bool) else v for name, v in values.items() if v}
-        return f"/rows?{urlencode(given)}"
+        return f"/rows?{urlencode(given | filters)}"
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,9 @@ class RowsPage:
     tables: list[str]
     verdicts: list[str]
     reasons: list[tuple[str, str, int]]
+    filtered: list[str] = field(default_factory=list)
+    tests: tuple[str, ...] = TESTS
+    most_conditions: int = MOST
     sources: tuple[str, ...] = tuple(SOURCES)
 
     def words(self, stage: str, reason: str) -> str:
@@ -99,6 +105,21 @@ class RowsPage:
         given = {"stage": stage, "reason": reason}
         named = {name: value for name, value in given.items() if value}
         return ": ".join(reading(self.asked.declared, name, value) for name, value in named.items())
+
+    @property
+    def conditions(self) -> list[Condition]:
+        """What the columns of a row must be."""
+        return [*self.asked.conditions]
+
+    @property
+    def sort(self) -> str:
+        """The column that orders the rows, "" for none."""
+        return self.asked.sort
+
+    @property
+    def descending(self) -> bool:
+        """Whether the largest comes first."""
+        return self.asked.descending
 
     @property
     def reached(self) -> int:
@@ -134,6 +155,7 @@ def parse(query: Mapping[str, str]) -> RowsQuery:
         sort,
         query.get("descending", "") not in ("", "0"),
         page_number(query, _SORTED // PAGE if sort else _LAST),
+        tuple(conditions(query)),
     )
 
 
@@ -153,7 +175,9 @@ def read(tables: CurrentTables, asked: RowsQuery) -> RowsPage:
     with tables.asked(asked.name) as con:
         full = tables.view(asked.name).full
         kinds = {name: kind for name, kind, *_ in con.sql(f"DESCRIBE {full}").fetchall()}
+        named = [asked.sort, *(condition.column for condition in asked.conditions)]
         columns = _columns(asked, kinds)
+        columns += [name for name in dict.fromkeys(named) if name in kinds and name not in columns]
         where, values = _where(asked, kinds)
         if asked.sort and asked.sort not in kinds:
             raise UsageError(f"unknown column {asked.sort!r}")
@@ -176,7 +200,7 @@ def read(tables: CurrentTables, asked: RowsQuery) -> RowsPage:
                 f"SELECT {stage}, coalesce(reason, ''), count(*) AS n FROM {full} GROUP BY ALL"
                 " ORDER BY ALL"
             ).fetchall()
-    return _shown(asked, rows.to_pylist(), total, shown, verdicts, reasons)
+    return _shown(asked, rows.to_pylist(), total, shown, verdicts, reasons, [*kinds])
 
 
 def _shown(asked: RowsQuery, rows: list[dict[str, Any]], total: int, *others: Any) -> RowsPage:
@@ -242,14 +266,14 @@ def _columns(asked: RowsQuery, kinds: Mapping[str, str]) -> list[str]:
 
 
 def _where(asked: RowsQuery, kinds: Mapping[str, str]) -> tuple[str, list[str]]:
-    conditions, values = ["true"], []
+    parts, values = ["true", *sql_of([*asked.conditions], kinds)], []
     for name in ("stage", "reason"):
         if (wanted := getattr(asked, name)) and name in kinds:
-            conditions.append(f"{name} = ?")
+            parts.append(f"{name} = ?")
             values.append(wanted)
     if asked.text:
         texts = [name for name, kind in kinds.items() if kind == "VARCHAR"]
         contained = " OR ".join(f"contains(lower({quoted(name)}), lower(?))" for name in texts)
-        conditions.append(f"({contained or 'false'})")
+        parts.append(f"({contained or 'false'})")
         values += [asked.text] * len(texts)
-    return " AND ".join(conditions), values
+    return " AND ".join(parts), values

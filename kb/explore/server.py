@@ -28,6 +28,7 @@ def serve(
     readers: Readers,
     port: int,
     *,
+    graph: Callable[[], bytes],
     desk: JudgeDesk | None,
     browser: bool,
     say: Callable[[str], None],
@@ -88,7 +89,7 @@ def serve(
                 self.loop.call_later(REQUEST_S, self.look, self.cycle)
 
     config = uvicorn.Config(
-        make(root, profile, about, readers, desk),
+        make(root, profile, about, readers, graph, desk),
         http=Patient,
         log_config=None,
         access_log=False,

@@ -32,6 +32,11 @@ class CurrentTables:
     def __contains__(self, name: str) -> bool:
         return name in self._named
 
+    @property
+    def names(self) -> list[str]:
+        """The names of all tables, full and bare."""
+        return [*self._named]
+
     def view(self, name: str) -> View:
         """A table by its name. Raises KeyError."""
         return self._named[name]

@@ -21,7 +21,8 @@ from kb.core.config.pipeline import recipe_of
 from kb.core.config.profile import Profile
 from kb.core.errors import SettingError, UsageError
 from kb.core.sources import SOURCES
-from kb.explore.histogram import Histogram, draw, edges_of
+from kb.explore.conditions import Condition, fields
+from kb.explore.histogram import Histogram, HistogramBar, draw, edges_of
 from kb.explore.tables import CurrentTables
 from kb.filters.chain import Chain
 from kb.filters.predicates import number as shown
@@ -65,6 +66,29 @@ class ThresholdFigures:
     inside: list[dict[str, str]]
     has_rejected: bool
     is_outdated: bool
+    column: str
+
+    def rows_address(self, bar: HistogramBar, part: str) -> str:
+        """The page of the rows that a part of a bar stands for; "" where no column has their
+        number.
+        """
+        stage = self.stage
+        name = self.column if part == "kept" else "number"
+        if not name:
+            return ""
+        tests = ("at least", "below") if stage.threshold.at_least else ("above", "at most")
+        wanted = [
+            Condition(name, test, f"{edge:.17g}")
+            for test, edge in zip(tests, (bar.low, bar.high), strict=True)
+        ]
+        place = {"source": stage.source, "table": stage.table}
+        if part != "kept":
+            place |= {"verdict": "rejected", "stage": stage.threshold.stage}
+            test = "is" if part == "others" else "is not"
+            wanted.append(Condition("other_stages", test, "rejected"))
+            if stage.chain.prefix:
+                wanted.append(Condition("key", "contains", stage.chain.prefix))
+        return f"/rows?{urlencode(place | fields(wanted))}"
 
     @property
     def plain_value(self) -> str:
@@ -160,6 +184,7 @@ def _figures(
         list(rows.nearest(value, inside=True)),
         stage.rejected in tables,
         rows.is_outdated,
+        rows.column,
     )
 
 
@@ -257,7 +282,8 @@ class ThresholdRows:
 
     `numbers` has the columns number, kept, outcome (without this stage) and group; kept rows come
     first, in the order of their files, then those of `rejected`. `limit` is the threshold that the
-    tables were filtered with. `is_outdated`: the rejected rows lack numbers.
+    tables were filtered with. `is_outdated`: the rejected rows lack numbers. `column` of the table
+    has the numbers of kept rows, "" where they are made of several.
     """
 
     stage: StageOfTable
@@ -266,6 +292,7 @@ class ThresholdRows:
     rejected: pa.Table
     limit: float
     is_outdated: bool
+    column: str
 
     def passes(self, value: float) -> Any:
         """Which rows a threshold lets pass, as a mask; null without a number."""
@@ -334,9 +361,10 @@ def rows_of(tables: CurrentTables, stage: StageOfTable) -> ThresholdRows:
         rows = kept.to_table(columns=[*sorted(threshold.reads), *group])
     is_outdated = stage.rejected in tables and "number" not in tables.columns(stage.rejected)
     rejected = _rejected(tables, stage) if not is_outdated else _NONE
+    found = threshold.numbers(rows)
     numbers = pa.table(
         {
-            "number": threshold.numbers(rows),
+            "number": found,
             "kept": pa.repeat(True, rows.num_rows),
             "outcome": pa.repeat("kept", rows.num_rows),
             "group": rows[stage.group] if group else pa.nulls(rows.num_rows, pa.string()),
@@ -345,8 +373,15 @@ def rows_of(tables: CurrentTables, stage: StageOfTable) -> ThresholdRows:
     numbers = pa.concat_tables(
         [numbers, rejected.select(numbers.column_names)], promote_options="permissive"
     )
+    column = next((name for name in threshold.reads if _holds(rows[name], found)), "")
     limit = float(rejected["threshold"][0].as_py()) if rejected.num_rows else threshold.limit
-    return ThresholdRows(stage, numbers, kept, rejected, limit, is_outdated)
+    return ThresholdRows(stage, numbers, kept, rejected, limit, is_outdated, column)
+
+
+def _holds(values: pa.ChunkedArray[Any], numbers: pa.Array[Any]) -> bool:
+    """Whether a column has the very numbers that a stage compares."""
+    is_number = pa.types.is_integer(values.type) or pa.types.is_floating(values.type)
+    return is_number and bool(pc.all(pc.equal(values.cast(pa.float64()), numbers)).as_py())
 
 
 _TEXTS = ("key", "title", "text", "outcome", "group", "threshold")

@@ -17,6 +17,9 @@ import tenacity
 from kb.core import clock
 from kb.core.errors import Blocked, Retryable, Unreachable
 
+Note = Callable[..., None]
+"""Notes what became of a request: (outcome, *, sent=True)."""
+
 Result = TypeVar("Result")
 
 TRIES = 5

@@ -23,7 +23,7 @@ from kb.core.errors import FatalError, ItemFinal, KbError, Retryable, SettingErr
 from kb.net import bounded, redact
 from kb.net.certificates import authorities, untrusted
 from kb.net.proxies import proxy_of
-from kb.net.retry import retry_after
+from kb.net.retry import Note, retry_after
 
 PRODUCT = "lorecrawl"  # our name in the User-Agent and in robots.txt
 TIMEOUT_S = (10.0, 60.0)  # to connect, and between two bytes
@@ -39,8 +39,6 @@ _NO_ADDRESS = (
     requests.TooManyRedirects,
 )
 
-Note = Callable[..., None]
-"""Notes what became of a request: (outcome, *, sent=True)."""
 Ledger = Callable[[requests.PreparedRequest], Note | None]
 """Writes the row of a request before it goes out; what it returns notes the outcome. May raise."""
 Stray = Callable[[str], Exception]

@@ -1,5 +1,6 @@
 """The pages over HTTP: who may ask, what is answered, and that nothing is written."""
 
+import re
 import shutil
 import signal
 import socket
@@ -15,7 +16,7 @@ from tests.explore.conftest import Explored, explored
 
 PAGES = (
     *("/", "/search", "/rows", "/rows?source=reddit&verdict=rejected", "/thresholds", "/pairs"),
-    "/status",
+    *("/status", "/judge", "/runs"),
 )
 
 
@@ -26,7 +27,8 @@ def test_every_page_answers_with_a_strict_policy(demo_pages: Explored, path: str
     policy = answer.headers["content-security-policy"]
     assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self'")
     assert "unsafe" not in policy
-    assert answer.headers["referrer-policy"] == "no-referrer"
+    own = "same-origin" if path == "/judge" else "no-referrer"  # a form there says its origin
+    assert answer.headers["referrer-policy"] == own
     assert answer.headers["x-content-type-options"] == "nosniff"
     assert "<style" not in answer.text
     assert " style=" not in answer.text
@@ -153,3 +155,13 @@ def test_a_release_says_what_to_do_with_it(release_pages: Explored) -> None:
         "A release holds no rejected rows"
         in release_pages.ask("/rows?source=youtube&verdict=rejected").text
     )
+
+
+def test_runs_and_the_graph_of_what_is_made(demo_pages: Explored, release_pages: Explored) -> None:
+    text = demo_pages.ask("/runs").text
+    assert re.search(r"<td[^>]*>demo</td><td[^>]*>18 steps", text)
+    assert "No run has written here" in release_pages.ask("/runs").text
+    picture = demo_pages.ask("/graph.svg")
+    assert (picture.status, picture.headers["content-type"]) == (200, "image/svg+xml")
+    assert "clean/youtube" in picture.text
+    assert '<img src="/graph.svg"' in demo_pages.ask("/status").text

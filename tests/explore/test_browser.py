@@ -3,7 +3,9 @@
 import html
 import json
 import re
+import shutil
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,8 +15,10 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
 from kb.store.tables.shard_writer import write_table
+from tests.conftest import ROOT
 from tests.explore.conftest import Explored, explored
 
+AXE = ROOT / ".venv" / "node_modules" / "axe-core" / "axe.min.js"
 HOSTILE = "<script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
 PAGES = (
     "",
@@ -23,7 +27,7 @@ PAGES = (
     "rows?source=reddit",
     "thresholds?source=youtube&stage=toxicity",
     "pairs?keyword=creeper",
-    "status",
+    *("status", "judge", "runs"),
 )
 
 
@@ -136,6 +140,27 @@ def test_pages_fit_their_window_and_can_be_read(
             shown = browser.execute_script("return document.documentElement.scrollWidth")
             assert shown <= width, (path, width)
             assert browser.execute_script(FAINT) == [], (path, theme)
+
+
+def test_axe_has_nothing_to_say(
+    browser: Any, demo_pages: Explored, every_page: list[str], tmp_path: Path, demo: Path
+) -> None:
+    """Deque's axe-core, where set-up found npm; else the script above looks at colours alone."""
+    if not AXE.is_file():
+        pytest.skip("no axe-core: set-up found no npm")
+    root = Path(shutil.copytree(demo / "data" / "demo", tmp_path / "data"))
+    with explored(root, "--judge", "Anna") as judging:
+        paths = [demo_pages.address + path for path in every_page]
+        paths += [f"{judging.address}judge?what={what}" for what in ("pairs", "tasks")]
+        broken = {}
+        for address in paths:
+            browser.get(address)
+            browser.execute_script(AXE.read_text())
+            broken[address] = browser.execute_async_script(
+                "axe.run().then((said) => arguments[0](said.violations.map((rule) =>"
+                " [rule.id, rule.nodes.slice(0, 3).map((node) => node.html)])))"
+            )
+        assert {address: rules for address, rules in broken.items() if rules} == {}
 
 
 def test_a_page_of_pairs_is_about_two_screens(browser: Any, demo_pages: Explored) -> None:

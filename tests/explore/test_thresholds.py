@@ -19,7 +19,7 @@ from kb.core.config.profile.new import KEYWORDS, profile_text
 from kb.explore.histogram import draw, edges_of
 from kb.store.tables.shard_writer import write_table
 from tests.conftest import ROOT
-from tests.explore.conftest import Explored, explored, figures, number
+from tests.explore.conftest import Explored, explored, figures, number, total
 from tests.inprocess import Here
 
 
@@ -259,3 +259,12 @@ def test_a_stage_without_values_says_what_gives_it_some(tmp_path: Path, make_row
         answer = pages.ask("/thresholds?source=reddit&table=comments&stage=toxicity")
     assert answer.status == 200
     assert "kb annotate reddit" in answer.text
+
+
+@pytest.mark.parametrize("stage", ["source=youtube&stage=views", "source=youtube&stage=duration"])
+def test_a_bar_leads_to_its_rows(demo_pages: Explored, stage: str) -> None:
+    text = demo_pages.ask(f"/thresholds?{stage}").text.partition("<summary>The numbers")[2]
+    links = re.findall(r'<td class="n"><a href="([^"]*)">([\d,]+)</a>', text)
+    assert {"verdict=rejected" in link for link, _ in links} == {True, False}
+    for link, count in links[:4] + links[-4:]:
+        assert total(demo_pages.ask(html.unescape(link)).text) == number(count)

@@ -288,6 +288,7 @@ def explore(
     from kb.explore.server import serve
     from kb.labels.judging import Judge, annotator_number
     from kb.registry import SOURCES as CLASSES
+    from kb.report.graph import drawn, nodes
 
     if videos and judge is None:
         raise SettingError("--videos is for --judge", hint="add --judge NAME, or leave it out")
@@ -304,6 +305,7 @@ def explore(
         lambda: overview(run),
         CLASSES,
         port,
+        graph=lambda: drawn(nodes(run)),
         desk=desk,
         browser=not no_browser,
         say=lambda address: print(address, flush=True),

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -13,9 +13,6 @@ from kb.core import terminal
 from kb.core.progress import span
 from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
-
-if TYPE_CHECKING:
-    from kb.store.state.run_records import RunRecord
 
 _COPIES = "restored", "released"
 _SHOWN_REASONS = 5
@@ -69,7 +66,7 @@ def status(
 def _show_runs(options: Options) -> None:
     from msgspec import to_builtins
 
-    from kb.store.state.run_records import kept
+    from kb.store.state.run_records import kept, made_in_words
 
     records = list(kept(options.make_run(needs="root").root))
     if options.json:
@@ -82,20 +79,9 @@ def _show_runs(options: Options) -> None:
             (record.start, span(record.seconds), str(record.exit_code), record.command)
             for record in records
         ]
-        more = ["", *map(_made, records)]
+        more = ["", *map(made_in_words, records)]
         for cells, made in zip(terminal.table(rows), more, strict=True):
             show(f"{cells}  {made}".rstrip())
-
-
-def _made(record: "RunRecord") -> str:
-    """What a run made, in a few words."""
-    from kb.store.state.run_records import in_words
-
-    words = [f"{outcome} {', '.join(names)}" for outcome, names in record.made.items()]
-    words += [f"waits for {record.waits_for}"] if record.waits_for else []
-    words += [in_words(record.figures)] if not record.made else []
-    words += [f"changed: {', '.join(record.settings)}"] if record.settings else []
-    return "; ".join(filter(None, words))
 
 
 def lines(about: dict[str, Any]) -> list[str]:

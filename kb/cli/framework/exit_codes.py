@@ -20,7 +20,6 @@ import typer
 from kb.cli.framework.messages import ending, fail, show_summary
 from kb.core import terminal
 from kb.core.errors import Interrupted, KbError, Stopped
-from kb.core.suggestions import similar
 from kb.net import redact
 from kb.store.exhausted import HINT, as_disk_full, is_out_of_memory
 
@@ -142,6 +141,8 @@ def suggestions(words: Sequence[str], commands: Sequence[str]) -> list[str]:
     Several words are compared in any order ("crawl youtube", "youtube-crawl", "youtube crwal"); a
     single one with a command's last word ("export", "exprot").
     """
+    from kb.core.suggestions import similar
+
     parts = sorted(part for word in words for part in word.split("-") if part)
     by_words, by_last_word = defaultdict[str, list[str]](list), defaultdict[str, list[str]](list)
     for name in commands:

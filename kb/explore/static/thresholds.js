@@ -4,16 +4,6 @@
 const slider = document.querySelector("#slider input[type=range]");
 let request = new AbortController();
 
-function offerCopy() {
-  const button = document.querySelector("#copy");
-  if (!button) return;
-  button.hidden = false;
-  button.addEventListener("click", () => {
-    navigator.clipboard.writeText(document.querySelector("#line").textContent);
-    button.textContent = "Copied";
-  });
-}
-
 async function show() {
   request.abort();
   request = new AbortController();
@@ -38,8 +28,7 @@ async function show() {
     page.querySelector("#slider input[type=range]").getAttribute("aria-valuetext"),
   );
   history.replaceState(null, "", address);
-  offerCopy();
+  offerCopies();
 }
 
 slider?.addEventListener("input", show);
-offerCopy();

@@ -32,8 +32,8 @@ from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.crawl.connector import Opened, Phase, asking
 from kb.crawl.quota import Quota
 from kb.net.rate import Pace
-from kb.net.retry import PATIENCE_S
-from kb.net.session import HttpSession, Note, host_of
+from kb.net.retry import PATIENCE_S, Note
+from kb.net.session import HttpSession, host_of
 from kb.reddit.crawl.errors import consequence, problem, too_deep
 from kb.reddit.section import RedditSection
 

@@ -126,6 +126,15 @@ def kept(root: Path) -> Iterator[RunRecord]:
             yield record
 
 
+def made_in_words(record: RunRecord) -> str:
+    """What a run made, in a few words."""
+    words = [f"{outcome} {', '.join(names)}" for outcome, names in record.made.items()]
+    words += [f"waits for {record.waits_for}"] if record.waits_for else []
+    words += [in_words(record.figures)] if not record.made else []
+    words += [f"changed: {', '.join(record.settings)}"] if record.settings else []
+    return "; ".join(filter(None, words))
+
+
 def _files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.glob("[0-9]*-*.json"))
 

@@ -32,7 +32,7 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.quota import Quota
 from kb.crawl.session import CrawlSession
-from kb.net.session import Note
+from kb.net.retry import Note
 from kb.store.layout import Layout
 from kb.store.rawlog.raw_files import raw_files
 from kb.store.rawlog.rawlog import Envelope

@@ -20,11 +20,11 @@ from kb.core.context import Run
 from kb.core.errors import Challenged, ItemFinal, Retryable
 from kb.net import bounded, retry
 from kb.net.rate import Pace
+from kb.net.retry import Note
 from kb.net.session import (
     PRODUCT,
     HttpSession,
     Ledger,
-    Note,
     PerThread,
     failure,
     host_of,

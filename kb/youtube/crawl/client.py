@@ -21,8 +21,8 @@ from kb.core.context import Run
 from kb.core.errors import Challenged, CredentialRefused, ItemFinal, KbError, Retryable
 from kb.crawl.connector import Opened, asking
 from kb.crawl.quota import Quota
-from kb.net.retry import blocked, retry_after
-from kb.net.session import HttpSession, Note, failure, host_of, user_agent
+from kb.net.retry import Note, blocked, retry_after
+from kb.net.session import HttpSession, failure, host_of, user_agent
 from kb.youtube.crawl.quota import API, GENERAL, SEARCH, STATISTICS, quota
 from kb.youtube.section import YouTubeSection
 

@@ -21,7 +21,8 @@ from kb.core.errors import Challenged, Retryable
 from kb.core.languages import is_same_language, tag
 from kb.crawl.connector import Opened
 from kb.net.rate import Pace
-from kb.net.session import Door, HttpSession, Ledger, Note, failure, refusal
+from kb.net.retry import Note
+from kb.net.session import Door, HttpSession, Ledger, failure, refusal
 from kb.youtube.crawl import player, quota
 from kb.youtube.parse.answers import FORMAT
 from kb.youtube.section import YouTubeSection
