@@ -5,6 +5,8 @@ beside decoding alone, and beside three passes: for shots, for frames of CLIP an
 """
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -97,3 +99,39 @@ def test_films_cost_of_a_pass(tmp_path: Path) -> None:
     print(f"three passes {costs['apart']:.2f} s: {three:.2f} times")
     assert beside <= 1.5
     assert three <= 0.6
+
+
+def test_films_memory_of_twelve_hours(tmp_path: Path) -> None:
+    """With a vector of 512 dimensions for each second."""
+    path = tmp_path / "long.mkv"
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("mpeg4", rate=4)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for number in range(12 * 3600 * 4):
+            image = np.full((48, 64, 3), number // 40 % 200, np.uint8)
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        out.mux(stream.encode(None))
+    done = subprocess.run(
+        [sys.executable, "-c", _WATCHING, str(path)], check=True, capture_output=True, text=True
+    )
+    hours, vectors, mebibytes = map(float, done.stdout.split())
+    print(f"{hours:.1f} hours, {vectors:.0f} vectors: {mebibytes:.0f} MiB")
+    assert vectors > 43_000
+    assert mebibytes < 572  # 600 MB
+
+
+_WATCHING = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from kb.score.film_pass import watch_film
+
+class Model:
+    size, fit, step_s = (224, 224), "crop", 1.0
+    def frames(self, images):
+        return np.zeros((len(images), 512), np.float32)
+
+seen = watch_film(Path(sys.argv[1]), range(12 * 3600), Model())
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(seen.end_s / 3600, len(seen.vectors), peak)
+"""
