@@ -101,6 +101,8 @@ class Artifact:
             return "remove its folder, then run `kb restore` with the release's folder again"
         if self.name == "labels":
             return "restore it from a copy, or remove it and give `kb label import` every export"
+        if self.name.endswith("films"):
+            return f"remove it, then run `{self.command}` with the films again"
         if self.name.startswith("annotations/"):
             return f"remove it, then run `{self.command}`, which scores its texts again"
         command = self.command_again
@@ -177,6 +179,8 @@ def _kept() -> Iterator[Artifact]:
         filter_, scores = f"kb {source} filter", ("shared/annotations",)
         yield Artifact(f"annotations/{source}", (), filter_, source, scores)
         yield Artifact(f"restored/{source}", (), "kb restore", "restored")
+    yield Artifact("annotations/films", (), "kb pairs score", "pairs")
+    yield Artifact("films", (), "kb pairs score", "pairs", ("films/shots", "films/film_figures"))
     yield Artifact("labels", (), "kb label import", "labels", ("labels/labels",))
     yield Artifact("restored", (), "kb restore", "restored")  # its lists of missing ids
     yield Artifact("restored/pairs", (), "kb restore", "restored", ("pairs/pairs",))

@@ -12,6 +12,7 @@ from kb.artifacts.purge import Purge, PurgeRules, by_presence, with_named
 from kb.artifacts.purge_people import PeopleRules, Theirs, in_rows
 from kb.artifacts.purge_raw import over_segments
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
+from kb.store.atomic import remove_path
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog
 from kb.youtube.crawl.ids import RULES as IDS
@@ -103,11 +104,12 @@ def find(purge: Purge) -> dict[str, str]:
 
 
 def forget(purge: Purge) -> None:
-    """Forget channels that are left out, and how well clips of removed videos fit."""
+    """Forget channels that are left out, and what was seen of films of removed videos."""
     for kind in (CHANNELS, UPLOADS):
         purge.frontier.remove(kind, purge.names.get(CHANNEL, ()))
     for key in purge.keys:
         (Layout(purge.root).scoring / f"{key}.json").unlink(missing_ok=True)
+        remove_path(Layout(purge.root).films / key)
 
 
 RULES = PurgeRules(
@@ -118,6 +120,7 @@ RULES = PurgeRules(
         location_of("pairs/pairs", "video_id"),
         location_of("pairs/quality", "video_id"),
         location_of("pairs/scores", "video_id"),
+        *(location_of(f"films/{name}", "video_id") for name in ("shots", "film_figures")),
         *(location_of(f"tasks/{name}", "video_id") for name in ("tasks", "titles")),
         location_of("youtube/playlists", "playlist_id"),
         location_of("youtube/playlist_videos", "playlist_id"),

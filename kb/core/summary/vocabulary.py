@@ -168,6 +168,8 @@ WORDS: dict[str, Word] = {
     "starts": Word("Tasks by what says when they begin: chapter, transcript, none."),
     "clips": Word("Clips.", "{n} clips"),
     "clips.missing": Word("Pairs of videos without a file.", "{n} of videos without a file"),
+    "pairs score.hours": Word("Length of these films in hours.", "{n} hours of films"),
+    "pairs score.films": Word("Films that would be decoded.", "{n} films to decode", always=True),
     "clips.hours": Word("Duration of the clips in hours.", "{n} hours of clips"),
     "short": Word("Pairs whose film ends before their clip.", "{n} after the end of their film"),
     "undecodable": Word("Pairs whose film can't be decoded.", "{n} in undecodable films"),
@@ -248,6 +250,7 @@ WORDS: dict[str, Word] = {
     "rejected_tasks": Word("Tasks that were rejected.", "{n} rejected", always=True),
     "reworded_tasks": Word("Tasks that got a better wording.", "{n} reworded", always=True),
     "labels": Word("Answers in labels/ now.", "{n} labels in all"),
+    "merge.films": Word("Files of what was seen of films that were new or grew.", "{n} of films"),
     "merge.labels": Word("Answers of people that were new.", "{n} labels"),
     "skipped": Word("Judgements that people skipped or left empty.", "{n} skipped"),
     "no_result": Word(
