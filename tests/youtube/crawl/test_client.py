@@ -101,6 +101,7 @@ def test_a_refresh_is_blocked_as_well_and_counts_what_failed(job: Job) -> None:
     total = job.done(*CRAWL)["crawled"]
     fault = job.sandbox.faults.add("/v3/videos", times=None, **BURST)
     len(job.sandbox.ledger)
+    before = len(job.sandbox.ledger)
     summary = job.done("refresh", "youtube", code=3, KB_NOW=LATER)
     assert (summary["failed"], summary["left"], len(job.sandbox.ledger)) == (0, total, before + 2)
     job.sandbox.faults.remove(fault)
