@@ -100,7 +100,6 @@ def test_a_refresh_is_blocked_as_well_and_counts_what_failed(job: Job) -> None:
     job.profile(('playlist_keywords = ["Minecraft Tutorial", "Minecraft Guide"]\n', ""))
     total = job.done(*CRAWL)["crawled"]
     fault = job.sandbox.faults.add("/v3/videos", times=None, **BURST)
-    len(job.sandbox.ledger)
     before = len(job.sandbox.ledger)
     summary = job.done("refresh", "youtube", code=3, KB_NOW=LATER)
     assert (summary["failed"], summary["left"], len(job.sandbox.ledger)) == (0, total, before + 2)
