@@ -353,12 +353,15 @@ def _clean(root: Path) -> Iterator[View]:
 def _released(folders: Iterable[ReleaseFolder]) -> list[View]:
     views: dict[str, View] = {}
     for folder in folders:
+        own = folder.name.removeprefix(folder.source).replace("-", "_")  # of a selection
         mine = [
-            View("release", view_name(part.table), [*part.shards], part.table.doc, folder.path)
+            View(
+                "release", view_name(part.table) + own, [*part.shards], part.table.doc, folder.path
+            )
             for part in folder.parts
         ]
         if mine and folder.tombstones is not None:
-            name, doc = tombstones_view(folder.source), table("shared/tombstones").doc
+            name, doc = tombstones_view(folder.name), table("shared/tombstones").doc
             mine.append(View("release", name, [folder.tombstones], doc, folder.path))
         for view in mine:
             check_once(views, view)
@@ -385,8 +388,9 @@ def _restored(root: Path) -> Iterator[View]:
         if declared.source in SOURCES and name not in listed:
             yield from _view("restored", name, place, "*.parquet", declared.doc, root, links)
     yield from reconstructed
-    doc = table("pairs/pairs").doc
-    yield from _view("restored", "pairs", at.restored("pairs"), "*.parquet", doc, root, links)
+    for name in ("pairs", "draw"):
+        doc = table(f"{name}/{name}").doc
+        yield from _view("restored", name, at.restored(name), "*.parquet", doc, root, links)
     doc = table("shared/missing").doc
     yield from _view("restored", "missing", at.restored(), "missing.parquet", doc, root, links)
 

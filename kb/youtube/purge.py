@@ -1,5 +1,5 @@
-"""What a purge has to know about YouTube: videos that vanished leave everything, and for
-`--channels` all videos of channels that ask to be left out.
+"""What a purge has to know about YouTube: videos and playlists that vanished leave everything, and
+for `--channels` all videos and playlists of channels that ask to be left out.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from kb.store.rawlog import rawlog
 from kb.youtube.crawl.ids import RULES as IDS
 from kb.youtube.crawl.reduce import (
     CHANNELS,
+    PLAYLIST_FACTS,
+    PLAYLISTS,
+    RAW_FACTS,
     RAW_VIDEOS,
     REFRESH,
     SECOND_TRACKS,
@@ -94,8 +97,8 @@ PEOPLE = PeopleRules(
 
 
 def find(purge: Purge) -> dict[str, str]:
-    """What the user named, and videos that the API no longer returns ("vanished")."""
-    read = newest(purge.root, RAW_VIDEOS)
+    """What the user named, and videos and playlists that the API no longer returns ("vanished")."""
+    read = newest(purge.root, RAW_VIDEOS) | newest(purge.root, RAW_FACTS)
     vanished = dict.fromkeys((key for key, last in read.items() if not last.there), "vanished")
     return with_named(by_presence(purge), vanished)
 
@@ -119,6 +122,9 @@ RULES = PurgeRules(
         location_of("pairs/scores", "video_id"),
         *(location_of(f"films/{name}", "video_id") for name in ("shots", "film_figures")),
         *(location_of(f"tasks/{name}", "video_id") for name in ("tasks", "titles")),
+        location_of("youtube/playlists", "playlist_id"),
+        location_of("youtube/playlist_videos", "playlist_id"),
+        location_of("youtube/playlist_videos", "video_id"),
         location_of("open-text/open_text", "video_id"),
         location_of("labels/labels", "video_id"),
         *shared_locations("youtube"),
@@ -128,8 +134,12 @@ RULES = PurgeRules(
         ),
         RowLocation(str(BELOW.restored("youtube")), "shared/missing", "key"),
         RowLocation(str(BELOW.restored("pairs")), "pairs/pairs", "video_id"),
+        RowLocation(str(BELOW.restored("draw")), "draw/draw", "video_id"),
     ),
-    items=(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS),
+    items=(
+        *(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS),
+        *(PLAYLISTS, PLAYLIST_FACTS),
+    ),
     find=find,
     forget=forget,
     people=PEOPLE,

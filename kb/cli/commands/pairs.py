@@ -96,10 +96,14 @@ def pairs(
 @command(
     app,
     json="pairs, out_of, keywords, most_of_a_keyword, videos, hours, train, validation, test, path",
-    planned=("n", "per_keyword", "per_video", "max_videos", "where", "seed", "out"),
+    planned=(
+        *("n", "per_keyword", "per_video", "max_videos", "where", "seed", "out"),
+        *("release", "name"),
+    ),
     data="reads",
     examples=[
         "kb pairs draw 640000                        as many as the paper sampled",
+        "kb pairs draw 640000 --release              release/draw, for others to have",
         "kb pairs draw 10000 --per-video 20 --plan   what would be drawn; writes nothing",
         "kb pairs draw 5000 --where \"language = 'en' AND duplicate_of IS NULL\" --seed 1",
     ],
@@ -138,9 +142,22 @@ def draw(
             "--seed", metavar="S", help="Another seed draws other pairs. [default: the profile's]"
         ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Write the draw there.")] = Path(
-        "draw"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Write the draw there. [default: draw]"),
+    ] = None,
+    release: Annotated[
+        bool,
+        typer.Option(
+            "--release",
+            help="Draw from the released pairs into release/draw, without text; of a download, into"
+            " --out.",
+        ),
+    ] = False,
+    name: Annotated[
+        str,
+        typer.Option("--name", metavar="NAME", help="With --release: write release/draw-NAME."),
+    ] = "",
     plan: Annotated[
         bool, typer.Option("--plan", help="Print what would be drawn; write nothing.")
     ] = False,
@@ -152,12 +169,23 @@ def draw(
     the columns of pairs and quality and `split` (train, validation, test: 90, 5 and 5 %, whole
     channels and whole clusters of duplicates on one side), videos.txt the videos that they need,
     README.md what was drawn.
+
+    --release makes a draw that others can have: ids, splits and ranks, which `kb release` describes
+    and whoever has the same release draws again byte for byte.
     """
-    from kb.pairs.draw import Limits
+    from kb.pairs.draw import Asked, Limits
     from kb.pairs.draw import draw as drawn
+    from kb.pairs.release_draw import DEFAULT_OUT, release_draw
 
     limits = Limits(per_keyword, per_video, max_videos)
-    return drawn(run, n, limits, where, run.seed if seed is None else seed, out, plan=plan)
+    asked = Asked(n, limits, where, run.seed if seed is None else seed)
+    if release:
+        return release_draw(run, asked, name, out, plan=plan)
+    if name:
+        raise SettingError(
+            "--name has no effect without --release", hint="name a folder with --out"
+        )
+    return drawn(run, asked, out or DEFAULT_OUT, plan=plan)
 
 
 @command(

@@ -54,7 +54,12 @@ WORDS: dict[str, Word] = {
     "view_rules": Word("Kept videos by how their views were counted (view_rule)."),
     "word_times": Word("Kept automatic transcripts by whether they have word times, or why not."),
     "subtitles": Word("Subtitle files that were imported.", "{n} subtitle files"),
-    "playlists": Word("Playlists and channels that were imported.", "{n} playlists"),
+    "playlists": Word(
+        "Playlists that were listed or imported; imports count channels too.", "{n} playlists"
+    ),
+    "playlists_left_out": Word(
+        "Playlists without a row, by reason: not public, not found, not read or empty."
+    ),
     "own_transcripts": Word("Own transcripts that were imported.", "{n} own transcripts"),
     "unknown_videos": Word("Own transcripts of videos that are not in the data root."),
     "youtube import.files": Word("Files that were imported in this run."),
