@@ -35,6 +35,7 @@ from kb.core.templates import environment
 from kb.explore import clip, documents, judge, overview, pairs, rows, search, thresholds
 from kb.explore.judge import JudgeDesk
 from kb.explore.tables import CurrentTables
+from kb.labels.sample import PLAYER
 from kb.look.charts import number
 from kb.mcp.documents import Readers
 from kb.store.state import demo_mark
@@ -62,7 +63,7 @@ _OF_JUDGE = {
 }
 # The service's player wants to know which site shows it.
 _OF_CLIP = {
-    "content-security-policy": f"{_POLICY}; media-src 'self'; frame-src {clip.PLAYER};"
+    "content-security-policy": f"{_POLICY}; media-src 'self'; frame-src {PLAYER};"
     " frame-ancestors 'self'",
     "referrer-policy": "strict-origin-when-cross-origin",
 }

@@ -17,7 +17,6 @@ from kb.core.installation import np
 from kb.explore.judge import JudgeDesk
 from kb.labels.sample import described, player_address
 
-PLAYER = "https://www.youtube.com"
 _FRAMES, _SIZE = 6, (144, 256)
 
 

@@ -22,6 +22,7 @@ from kb.store.layout import Layout
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 
+PLAYER = "https://www.youtube.com"
 TRANSCRIPTS = f"{transcripts.VIDEOS}/transcripts"
 _AROUND = 200  # characters of the transcript before and after the text
 
@@ -101,7 +102,7 @@ def clip_times(row: dict[str, Any], labeling: Labeling) -> tuple[int, int] | Non
 
 def player_address(video_id: str, times: tuple[int, int] | None) -> str:
     """The page of the service's player, which runs from and to these seconds."""
-    address = f"https://www.youtube.com/embed/{video_id}?rel=0"
+    address = f"{PLAYER}/embed/{video_id}?rel=0"
     return address + ("&start={}&end={}".format(*times) if times else "")
 
 

@@ -58,7 +58,7 @@ from kb.score.film_store import (
     text_key,
     vectors_of,
 )
-from kb.score.models import ClipModel, checkpoint_file, model_name
+from kb.score.models import EXTRA, ClipModel, checkpoint_file, model_name
 from kb.score.pair_scores import Row, needed_ticks, scores_of
 from kb.store.atomic import write_bytes
 from kb.store.damage import read_note
@@ -108,7 +108,7 @@ def score(
     without pairs, UsageError for a wrong folder, MissingExtra, MissingModel, SettingError (no such
     device), WriterLocked, DiskFull, Interrupted; the same call resumes.
     """
-    require("films", "scenedetect", "cv2")
+    require("score", *EXTRA, "scenedetect")
     path = checkpoint_file(run.profile) if model is None else model.expanduser()
     if not path.exists():
         hint = "run `kb models fetch clip`" if model is None else "give a checkpoint or a folder"

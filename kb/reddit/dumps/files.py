@@ -52,7 +52,7 @@ _PACKED = {  # what archives of earlier years and people use, and what unpacks i
 }
 _GZIP, _BOM = b"\x1f\x8b\x08", b"\xef\xbb\xbf"
 # A checksum stands at the end of a member or frame, behind records that were given already.
-_UNSURE = " (the last records before it may be wrong: an intact copy of the file replaces them)"
+_UNSURE = " (the last records before it may be wrong: import an intact copy into a new data root)"
 
 
 @dataclass

@@ -213,9 +213,7 @@ def test_a_file_that_is_cut_off_is_counted_and_completed_later(
 
 @each
 def test_damage_in_the_middle_is_counted_and_never_fatal(tmp_path: Path, pack: Pack) -> None:
-    """A checksum comes after its records, so wrong ones may be among them: an intact file replaces
-    these.
-    """
+    """A checksum comes after its records, so wrong ones may be among those that were imported."""
     sent, dump = records(900), tmp_path / "x"
     whole = pack(joined(sent))
     middle = len(whole) * 2 // 3
@@ -226,10 +224,10 @@ def test_damage_in_the_middle_is_counted_and_never_fatal(tmp_path: Path, pack: P
     dump.write_bytes(whole)
     done = took(tmp_path, [dump])
     assert (done["truncated_files"], done["bad_lines"]) == (0, 0)
-    newest = {data["id"]: data for _, data in imported(tmp_path)}
-    for data in sent:
-        if data["subreddit"] == "Minecraft":
-            assert newest[data["id"]]["selftext"] == data["selftext"]
+    there = {(data["id"], data.get("selftext")) for _, data in imported(tmp_path)}
+    assert there >= {
+        (data["id"], data["selftext"]) for data in sent if data["subreddit"] == "Minecraft"
+    }
 
 
 @each
