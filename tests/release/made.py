@@ -86,6 +86,21 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
         }
         for i in range(n)
     ]
+    made["youtube/playlists"] = [
+        {
+            "playlist_id": f"PL{i:016d}",
+            "title": words(3, "p", i),
+            "channel_id": f"UC{i % 7:022d}",
+            "item_count": 9 + i,
+            "keyword": None if i % 2 else "Minecraft Tutorial",
+            "fetched_at": START + timedelta(hours=i),
+        }
+        for i in range(3)
+    ]
+    made["youtube/playlist_videos"] = [
+        {"playlist_id": f"PL{i % 3:016d}", "video_id": f"vid{i:08d}", "position": i // 3}
+        for i in range(min(n, 9))
+    ]
     made["wiki/pages"] = [
         {
             "page_id": i + 1,
