@@ -86,6 +86,21 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
         }
         for i in range(n)
     ]
+    made["youtube/playlists"] = [
+        {
+            "playlist_id": f"PL{k:032d}",
+            "title": words(4, "pl", k),
+            "channel_id": f"UC{k:022d}",
+            "item_count": n,
+            "keyword": None if k else "how to build",
+            "fetched_at": START + timedelta(hours=k),
+        }
+        for k in range(3)
+    ]
+    made["youtube/playlist_videos"] = [
+        {"playlist_id": f"PL{i % 3:032d}", "video_id": f"vid{i:08d}", "position": i // 3}
+        for i in range(0, n, 2)
+    ]
     made["wiki/pages"] = [
         {
             "page_id": i + 1,
