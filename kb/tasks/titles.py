@@ -161,7 +161,7 @@ class TitleMiner:
             not verb
             or not 2 <= len(named) <= _LONGEST_THING
             or not (
-                shown or self._praise.match(" ".join(named)) or taught and self._thing_of(named)
+                shown or self._praise.match(" ".join(named)) or (taught and self._thing_of(named))
             )
             or self._never.search(" ".join(named))
             or tuple(named[: len(objects)]) != objects  # an article in it: a sentence

@@ -16,7 +16,6 @@ from kb.export import layouts
 from kb.export.rows import check_rows, json_list, sorted_rows
 from kb.schema import table
 
-
 TABLES = ("videos", "playlists", "playlist_videos")
 FILES = {f"{name}-00000-of-00001.parquet" for name in TABLES}
 
