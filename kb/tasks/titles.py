@@ -75,10 +75,10 @@ class TitleMiner:
         return bool(self._shown.search(unicodedata.normalize("NFKC", title).lower()))
 
     def mine(self, title: str, *, taught: bool = False) -> MinedTitle:
-        """The task that a title names, or why it names none. `taught`: that it shows how a thing is
-        made is known.
+        """The task that a title names, or why it names none. `taught`: a playlist with the video is
+        of tutorials.
         """
-        shown = taught or self.teaches(title)
+        shown = self.teaches(title)
         rejected, made = [], []
         for part in _PARTS.split(_plain(title)):
             words = _words(self._talk.sub(" ", _NUMBERING.sub("", part)))
@@ -86,7 +86,7 @@ class TitleMiner:
             if not mined.reasons:
                 return mined
             rejected.append(mined)
-            if thing := self._of_thing(words, shown):
+            if thing := self._of_thing(words, shown, taught):
                 made.append(thing)
         if made:
             return made[0]
@@ -146,9 +146,10 @@ class TitleMiner:
         ends = (tuple(words[place:]) for place in range(len(words)))  # longer ones first
         return next((self._things[end] for end in ends if end in self._things), "")
 
-    def _of_thing(self, words: list[str], shown: bool) -> MinedTitle | None:
+    def _of_thing(self, words: list[str], shown: bool, taught: bool) -> MinedTitle | None:
         """The prompt of a part of two to six words that names a thing, where the title says that it
-        is shown how it is made, or praises it.
+        is shown how it is made, or praises it. A playlist says less: the part has to end with a
+        thing, as "village and zombie" does not.
         """
         line, _ = self._without_lead_in(words)
         named = line.split()
@@ -159,7 +160,9 @@ class TitleMiner:
         if (
             not verb
             or not 2 <= len(named) <= _LONGEST_THING
-            or not (shown or self._praise.match(" ".join(named)))
+            or not (
+                shown or self._praise.match(" ".join(named)) or (taught and self._thing_of(named))
+            )
             or self._never.search(" ".join(named))
             or tuple(named[: len(objects)]) != objects  # an article in it: a sentence
             or any(word.isdigit() for word in objects)
