@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from kb.core.config.settings import DECLARED
 from kb.core.errors import SettingError
@@ -21,6 +21,7 @@ from kb.youtube.source import YouTube
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
+    from kb.artifacts.card_answers import CardAnswer
     from kb.artifacts.release_folder import ReleaseFolder
     from kb.export.layouts import Writer
     from kb.report.figures import FigureMaker
@@ -45,6 +46,32 @@ class Pairs(Published):
         from kb.report.derived import keywords, lengths, quality
 
         return keywords, lengths, quality
+
+
+class Draw(Published):
+    """Pairs that were drawn."""
+
+    questions: ClassVar[dict[str, str]] = {
+        "How many pairs of each keyword are in which split?": "SELECT keyword,"
+        " count(*) FILTER (split = 'train') AS train,"
+        " count(*) FILTER (split = 'validation') AS validation,"
+        " count(*) FILTER (split = 'test') AS test"
+        " FROM draw GROUP BY ALL ORDER BY count(*) DESC, keyword",
+    }
+
+    def quality(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> tuple[str, ...]:
+        from kb.release.metadata.quality import draw_quality
+
+        return draw_quality(root, folder)
+
+    def answers(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> Sequence[CardAnswer]:
+        from kb.artifacts.card_answers import ask
+
+        return [*ask(con, self.questions, [folder])]
 
 
 class Tasks(Published):
@@ -118,6 +145,9 @@ PUBLISHED: dict[str, Published] = {
     **SOURCES,
     **{
         published.name: published
-        for published in (Pairs("pairs"), Tasks("tasks"), Links("links"), OpenText("open-text"))
+        for published in (
+            *(Pairs("pairs"), Tasks("tasks"), Links("links"), OpenText("open-text")),
+            Draw("draw"),
+        )
     },
 }

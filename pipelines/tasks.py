@@ -12,12 +12,11 @@ from kb.core.summary import Summary
 from kb.export import layouts
 from kb.registry import PUBLISHED
 from kb.tasks.build import build
-from kb.youtube.ytdlp.info import playlists
 
 
 def tables(run: Run) -> Summary:
     """Make the tasks."""
-    return build(run, playlists(run.root))
+    return build(run)
 
 
 def export(run: Run, format: str = "parquet") -> Summary:

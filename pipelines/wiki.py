@@ -81,6 +81,6 @@ def clean(p: Profile) -> Clean:
         chains=(pages,),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in parsed.PARTS),
         scorer=toxicity,
-        across=resolve_titles,
+        across=lambda _, made: resolve_titles(made),
         figures=lambda _, made: parsed.figures(made),
     )

@@ -1,6 +1,7 @@
 """YouTube (MineDojo paper, appendix "YouTube": data collection and filtering).
 
-1. search channels by keywords; 2. list every video that each channel uploaded; 3. read their
+1. search channels and playlists by keywords; 2. list every video that each channel uploaded
+or playlist lists; 3. read their
 metadata, keep public videos of the domain's game; 4. English transcripts of those that pass the
 cheap stages; 5. drop by views, aspect ratio, duration, age restriction; score titles and
 descriptions with Detoxify, drop above the threshold. Released: ids and metadata only.
@@ -40,6 +41,7 @@ from kb.registry import PUBLISHED
 from kb.store.tables.columns import word_count
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered, with_tracks
 from kb.youtube.parse.channels import mark
+from kb.youtube.parse.playlists import PlaylistTables
 from kb.youtube.parse.view_counting import kept_counts
 from kb.youtube.section import YouTubeSection
 from kb.youtube.topic import Topic, released_stages
@@ -102,7 +104,7 @@ def restored(p: Profile, shipped: Clean) -> Clean:
     """The tables of every available video of a release: what is released was judged."""
     stages = released_stages(p.section(YouTubeSection))
     chain = replace(shipped.chains[0], stages=stages, scores={}, described=Description())
-    return replace(shipped, chains=(chain,), scorer=None)
+    return replace(shipped, chains=(chain,), scorer=None, across=None)
 
 
 def clean(p: Profile) -> Clean:
@@ -117,6 +119,7 @@ def clean(p: Profile) -> Clean:
         described=SHOWN,
     )
     section = p.section(YouTubeSection)
+    lists = PlaylistTables(section.playlist_keywords)
     joined = partial(
         assemble,
         words=word_count,
@@ -131,7 +134,8 @@ def clean(p: Profile) -> Clean:
         scorer=toxicity,
         given_up=GivenUp(unanswered),
         complete=with_tracks,
-        figures=lambda _, made: kept_counts(made),
+        across=lists,
+        figures=lambda _, made: {**kept_counts(made), "playlists_left_out": lists.left_out},
     )
 
 

@@ -91,6 +91,8 @@ HEAVY = {
     "scipy",
     "tokenizers",
     "av",
+    "cv2",
+    "scenedetect",
     "numpy",
 }
 

@@ -19,6 +19,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from kb.artifacts import index, manifest
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.table_catalog import Catalog
@@ -29,20 +31,23 @@ from kb.core.config.section import read_text
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, SettingError
 from kb.core.installation import PROFILE_FILE, lock_digest
-from kb.core.sources import MADE, PUBLISHED, SOURCES, made_of
+from kb.core.sources import MADE, PUBLISHED, SOURCES, made_of, selection_of
 from kb.schema.tables import table
-from kb.store.artifact_registry import ARTIFACTS, CHUNKS, RELEASE
+from kb.store.artifact_registry import ARTIFACTS, CHUNKS, RELEASE, selections
 from kb.store.checkpoint import installed
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 
 MODEL = "KB_TOXICITY_MODEL"
-FORMATS = tuple(
-    dict.fromkeys(name for published in PUBLISHED.values() for name in published.formats)
+FORMATS = tuple(dict.fromkeys(name for one in PUBLISHED.values() for name in one.formats))
+NAMES = (
+    *SOURCES,
+    *(name for name, one in MADE.items() if not (one.part_of or one.selected_from)),
+    *("index", "report", RELEASE),
 )
-NAMES = (*SOURCES, *(name for name in MADE if not MADE[name].part_of), "index", "report", RELEASE)
 NEVER_MADE = "not made yet"
+PURGED = "purged"  # in place of an input's digest: a purge took rows out of both
 _NO_RECIPE = "its recipe was not recorded"
 _LONGEST = 40  # characters of a value in a message
 _SHOWN = 3  # artifacts that a warning names
@@ -138,13 +143,16 @@ def reasons(
         why.append("not finished")
     reads_texts = source != name or name == "links"
     find = catalog.texts if reads_texts else partial(exported_files, catalog)
-    for above in artifact.inputs:
-        if above in stale:
-            why.append(above)
-        elif manifest.input_digest(root, name, above, find) != made.inputs.get(above):
-            why.append("/".join(above.split("/")[:2]))
+    for one in artifact.inputs:
+        if one in stale:
+            why.append(one)
+        elif made.inputs.get(one) != PURGED and manifest.input_digest(
+            root, name, one, find
+        ) != made.inputs.get(one):
+            why.append("/".join(one.split("/")[:2]))
     changed = changes(made, _settings_now(run, name, made))
-    return [*dict.fromkeys(why), *_unrecorded(made), *changed]
+    recipe = _unrecorded(made) if artifact.maker is not None else []
+    return [*dict.fromkeys(why), *recipe, *changed]
 
 
 def changes(made: Manifest, now: Mapping[str, Any]) -> list[str]:
@@ -209,7 +217,8 @@ def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
     made = manifest.read_manifest(run.root, RELEASE)
     if made is None:
         return [NEVER_MADE]
-    folders = {f"release/{name}": name for name in PUBLISHED}
+    names = (*PUBLISHED, *filter(selection_of, selections(run.root)))
+    folders = {f"release/{name}": name for name in names}
     why = [
         folder
         for folder, name in folders.items()
@@ -342,7 +351,28 @@ def stale(run: Run, *names: str) -> Reasons:
         return {}
     wanted = set().union(*map(lineage, names))
     every = [name for name in _made_again() if name in wanted and _is_possible(run, name)]
+    every += [f"release/{one}" for one in selections(run.root) if f"release/{one}" in wanted]
     return plan(run, [name for name in every if manifest.read_manifest(run.root, name) is not None])
+
+
+def note_purged(run: Run, name: str) -> None:
+    """Before a purge takes rows out of a selection and makes what it was selected from again: it is
+    no reason to select again. What is out of date stays so. Raises DamagedData, DiskFull.
+    """
+    made = manifest.read_manifest(run.root, name)
+    if made is not None and not reasons(run, name):
+        marked = msgspec.structs.replace(made, inputs=dict.fromkeys(made.inputs, PURGED))
+        manifest.write_manifest(ARTIFACTS[name].manifest(run.root), marked)
+
+
+def settle_purged(run: Run, name: str) -> None:
+    """Record the inputs of a selection as they are after the purge. Raises DamagedData,
+    DiskFull.
+    """
+    made = manifest.read_manifest(run.root, f"release/{name}")
+    if made is not None and PURGED in made.inputs.values():
+        settled = msgspec.structs.replace(made, inputs=manifest.inputs(run.root, made.artifact))
+        manifest.write_manifest(ARTIFACTS[made.artifact].manifest(run.root), settled)
 
 
 def steps(outdated: Reasons) -> list[dict[str, Any]]:
@@ -376,9 +406,9 @@ def warning(run: Run) -> str:
     try:
         if Catalog(run.root.absolute()).is_download:
             return ""
-        # A search makes the index.
-        names = [name for name in graph(run) if name not in (RELEASE, "report")]
-        names = [name for name in names if not name.startswith("index/")]
+        names = [one for one in graph(run) if one not in (RELEASE, "report")]
+        names = [one for one in names if not one.startswith("index/")]  # a search makes them
+        names += [f"release/{one}" for one in selections(run.root)]
         outdated = {name: why for name, why in plan(run, names).items() if why != [NEVER_MADE]}
     except (DamagedData, OSError):
         return ""

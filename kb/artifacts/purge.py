@@ -28,13 +28,14 @@ from typing import NamedTuple
 
 import msgspec
 
-from kb.artifacts import index, manifest, purge_raw
+from kb.artifacts import freshness, index, manifest, purge_raw
 from kb.artifacts.freshness import sources_of
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, warn
 from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absent
 from kb.artifacts.purge_raw import AnswerRules, Matcher, Names
 from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
+from kb.artifacts.purge_selections import drop_described, locations_in, selected_from
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData
@@ -366,6 +367,8 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
             if not ARTIFACTS[name].tables and name != RELEASE:
                 yield count_files(root, ARTIFACTS[name])
         return
+    for name in selected_from(root, rules.source):
+        freshness.note_purged(purge.run, name)
     note, linked = purge.note, list[Path]()
     note.keys = purge.keys | purge.absent
     for name in names:
@@ -400,7 +403,9 @@ def _behind_links(folder: Path, files: Iterable[str]) -> list[Path]:
 
 def kept(purge: Purge) -> Iterator[PurgeLine]:
     """Rows of tables that can't be made again."""
-    locations = [location for location in purge.rules.rows if not _is_derived(location)]
+    locations = [one for one in purge.rules.rows if not _is_derived(one)]
+    chosen = selected_from(purge.root, purge.rules.source)
+    locations += locations_in(chosen)
     if purge.dry:
         yield from _rows(purge, locations)
         return
@@ -411,6 +416,8 @@ def kept(purge: Purge) -> Iterator[PurgeLine]:
     names = {match[1].name for folder in folders if (match := artifact_of(folder / "rows"))}
     with manifest.editing(purge.root, *sorted(names)):
         yield from _rows(purge, locations)
+        for name in chosen:
+            drop_described(purge.root, name, purge.keys)
 
 
 def _rows(purge: Purge, locations: Iterable[RowLocation]) -> Iterator[PurgeLine]:

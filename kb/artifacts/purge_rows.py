@@ -44,9 +44,12 @@ class RowLocation(NamedTuple):
     def files(self, root: Path) -> list[Path]:
         """The table's files in the folder; release folders hold several tables."""
         flat = Path(self.folder).is_relative_to(BELOW.release())
-        name = self.table.partition("/")[2]
-        pattern = f"{name}-*.parquet" if flat else rows_pattern(self.table)
-        return parquet_files(root / self.folder, pattern)
+        patterns = (
+            [f"{stem}-*.parquet" for stem in tables()[self.table].stems]
+            if flat
+            else [rows_pattern(self.table)]
+        )
+        return [file for one in patterns for file in parquet_files(root / self.folder, one)]
 
     def values(self, keys: Collection[str]) -> pa.Array[Any]:
         """What the column contains for these keys."""
@@ -154,8 +157,10 @@ def keep_rows(
         removed = int(file.metadata.num_rows - sum(pc.sum(mask).as_py() or 0 for mask in masks))
         if removed and not dry:
             mask, start = pa.chunked_array(masks, pa.bool_()).combine_chunks(), 0
-            schema = tables()[table].arrow()
-            with ShardWriter(path, table, in_order=True) as writer:
+            declared = tables()[table]
+            is_released = file.schema_arrow.names == declared.names(released=True)
+            schema = declared.arrow(is_released)
+            with ShardWriter(path, table, released=is_released, in_order=True) as writer:
                 for batch in file.iter_batches():
                     rows = batch.filter(mask.slice(start, batch.num_rows))
                     writer.add_rows(with_nulls(pa.Table.from_batches([rows]), schema))

@@ -22,7 +22,7 @@ import pyarrow as pa
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.installation import PROFILE_FILE
-from kb.core.sources import PUBLISHED
+from kb.core.sources import PUBLISHED, selection_of
 from kb.schema.tables import Table, released_tables, table
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import DOWNLOAD, missing, opening, unreadable
@@ -51,13 +51,18 @@ class ReleaseFolder:
     """The data files of a release folder.
 
     `source` is youtube, wiki, reddit, pairs or links; `others` are data files that are not shards:
-    the wiki's tar files and their index.
+    the wiki's tar files and their index, the list of a draw's videos.
     """
 
     source: str
     path: Path
     parts: tuple[ReleasedTable, ...]
     others: tuple[Path, ...]
+
+    @property
+    def name(self) -> str:
+        """What it is called in a data root: its source, or the name of a selection."""
+        return self.path.name if selection_of(self.path.name) == self.source else self.source
 
     @property
     def data(self) -> list[Path]:
@@ -153,7 +158,8 @@ def read_release_folder(folder: Path, source: str) -> ReleaseFolder:
     others = tuple(
         file
         for file in own
-        if PUBLISHED[source].archives and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
+        if file.name in PUBLISHED[source].lists
+        or (PUBLISHED[source].archives and (file.name == INDEX or _ARCHIVE.fullmatch(file.name)))
     )
     return ReleaseFolder(source, folder, parts, others)
 

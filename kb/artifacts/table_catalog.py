@@ -129,7 +129,7 @@ class Catalog:
         for folder in self.releases:
             folder.require_tables()
         if is_root(self.path):
-            for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "labels"):
+            for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "films", "labels"):
                 manifest.check_complete(self.path, name)
 
     @cached_property
@@ -150,7 +150,7 @@ class Catalog:
 
         Raises DamagedData for lost clean files: they are never taken for none.
         """
-        shorts = [*SOURCES[source].tables] if source in SOURCES else [source]
+        shorts = [*SOURCES[source].tables] if source in SOURCES else _main_tables(source)
         names = {(view.schema, view.name) for view in self.views}
         for schema in CONTENT:
             for short in shorts:
@@ -310,12 +310,18 @@ def bare(views: Iterable[View]) -> dict[str, View]:
     return {view.name: view for view in ranked}
 
 
+def _main_tables(name: str) -> list[str]:
+    """Of what is made of sources: the table with its name, else all of its tables."""
+    own = [declared.short for declared in tables().values() if declared.source == name]
+    return [name] if name in own else own
+
+
 def view_name(declared: Table) -> str:
-    """The view's name of a declared table: "youtube_videos", "pairs_quality"; "pairs", "entities"
-    and "links" bear their own names.
+    """The view's name of a declared table: "youtube_videos", "pairs_quality"; "pairs", "entities",
+    "links", "shots" and "film_figures" bear their own names.
     """
     source = declared.source.replace("-", "_")
-    own = declared.short == source or declared.name == "links/entities"
+    own = declared.short == source or declared.name == "links/entities" or source == "films"
     return declared.short if own else f"{source}_{declared.short}"
 
 
@@ -330,7 +336,7 @@ def _clean(root: Path) -> Iterator[View]:
         return
     at = Layout(root)
     for declared in tables().values():
-        if declared.source in (*PUBLISHED, "labels") and declared.source != "links":
+        if declared.source in (*PUBLISHED, "films", "labels") and declared.source != "links":
             name, place = view_name(declared), at.table(declared.name)
             pattern = rows_pattern(declared.name)
             yield from _view("clean", name, place, pattern, declared.doc, root, links=True)
@@ -347,12 +353,15 @@ def _clean(root: Path) -> Iterator[View]:
 def _released(folders: Iterable[ReleaseFolder]) -> list[View]:
     views: dict[str, View] = {}
     for folder in folders:
+        own = folder.name.removeprefix(folder.source).replace("-", "_")  # of a selection
         mine = [
-            View("release", view_name(part.table), [*part.shards], part.table.doc, folder.path)
+            View(
+                "release", view_name(part.table) + own, [*part.shards], part.table.doc, folder.path
+            )
             for part in folder.parts
         ]
         if mine and folder.tombstones is not None:
-            name, doc = tombstones_view(folder.source), table("shared/tombstones").doc
+            name, doc = tombstones_view(folder.name), table("shared/tombstones").doc
             mine.append(View("release", name, [folder.tombstones], doc, folder.path))
         for view in mine:
             check_once(views, view)
@@ -379,8 +388,9 @@ def _restored(root: Path) -> Iterator[View]:
         if declared.source in SOURCES and name not in listed:
             yield from _view("restored", name, place, "*.parquet", declared.doc, root, links)
     yield from reconstructed
-    doc = table("pairs/pairs").doc
-    yield from _view("restored", "pairs", at.restored("pairs"), "*.parquet", doc, root, links)
+    for name in ("pairs", "draw"):
+        doc = table(f"{name}/{name}").doc
+        yield from _view("restored", name, at.restored(name), "*.parquet", doc, root, links)
     doc = table("shared/missing").doc
     yield from _view("restored", "missing", at.restored(), "missing.parquet", doc, root, links)
 

@@ -63,13 +63,17 @@ _COLUMNS = "pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, 
 
 class Chosen(NamedTuple):
     """Which pairs: of a keyword, of a file with `pair_id`, by a condition in DuckDB's SQL on the
-    columns of pairs and quality (or of the file), a sample of so many.
+    columns of pairs and quality (or of the file), a sample of so many. `within_shot`: those whose
+    film was seen, and of each clip the stretch without a cut. `part`: (2, 4) for the second of four
+    parts of their videos.
     """
 
     keyword: str = ""
     pairs: Path | None = None
     where: str = ""
     sample: int | None = None
+    within_shot: bool = False
+    part: tuple[int, int] | None = None
 
 
 class Selection(NamedTuple):
@@ -186,8 +190,11 @@ def selected(
             raise UsageError(f"--videos {folder} is not a folder")
     freshness.refuse(run, "pairs")
     catalog = table_catalog.read_catalog(run.root)
-    asked = asking(catalog, chosen.pairs, chosen.where)
+    asked = asking(catalog, chosen.pairs, chosen.where, within_shot=chosen.within_shot)
+    number, parts = chosen.part or (1, 1)
     values = {
+        "number": number - 1,
+        "parts": parts,
         "keyword": chosen.keyword,
         "seed": str(run.seed),
         "sample": 1 << 62 if chosen.sample is None else chosen.sample,
@@ -198,10 +205,13 @@ def selected(
     ):
         con.sql(
             f"""
-            SELECT {columns}
-            FROM ({checked(con, asked, chosen.where)})
-            WHERE $keyword = '' OR lower(keyword) = lower($keyword)
-            QUALIFY row_number() OVER (ORDER BY md5($seed || ' ' || pair_id), pair_id) <= $sample
+            SELECT * FROM (
+                SELECT {columns}
+                FROM ({checked(con, asked, chosen.where)})
+                WHERE $keyword = '' OR lower(keyword) = lower($keyword)
+                QUALIFY row_number() OVER (ORDER BY md5($seed || ' ' || pair_id), pair_id)
+                    <= $sample)
+            WHERE ('0x' || left(sha256(video_id), 16))::UBIGINT % $parts = $number
             ORDER BY video_id, clip_start_s, pair_id""",
             params=values,
         ).create("chosen")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import av
 
 Fit = Literal["stretch", "crop", "pad"]
-_LEAD = 1  # s; so much later than the first sound the first picture begins in many films
+LEAD_S = 1  # s; so much later than the first sound the first picture begins in many films
 _GAP = 20  # s; a longer gap is skipped by a seek, a shorter one by reading packets
 
 
@@ -75,7 +75,7 @@ def frames_at(
                     yield None
                     continue
                 if frame is not shown:
-                    shown, image = frame, _fitted(frame, size, fit)
+                    shown, image = frame, fitted(frame, size, fit)
                 yield image
     except (av.FFmpegError, ValueError) as error:
         raise UndecodableVideo(str(error)) from None
@@ -93,7 +93,7 @@ def _shown(
     film: av.container.InputContainer, stream: av.VideoStream, ticks: Sequence[int]
 ) -> Iterator[av.VideoFrame | None]:
     """The frame shown at each tick, until the film ends; None where the picture has not begun."""
-    lead = _LEAD / float(stream.time_base or 1)
+    lead = LEAD_S / float(stream.time_base or 1)
     left = list(reversed(ticks))
     last: av.VideoFrame | None = None
     frames = _decoded(film, stream, left)
@@ -168,7 +168,7 @@ def _packets(
         yield packet
 
 
-def _fitted(frame: av.VideoFrame, size: tuple[int, int], fit: Fit) -> np.ndarray:
+def fitted(frame: av.VideoFrame, size: tuple[int, int], fit: Fit) -> np.ndarray:
     """A frame as RGB, upright, in the wanted size."""
     turns = round(frame.rotation / 90) % 4  # counterclockwise
     height, width = size

@@ -78,6 +78,9 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     ways        how rows may have come, by the names that about.toml has sentences for
     extra       the package extra that the card's commands need
     part_of     the source whose filter and export also make this folder, of licensed texts
+    selected_from   the publication of whose released rows it is a selection, which a command makes
+                and no build makes again; several have names behind its own ("draw-small")
+    lists       names of files beside the tables that the export writes
     made_of     the sources whose rows are behind it; () for all
     exports     files and folders that formats besides Parquet write below export/
     revision    the number of the rules by which its tables are made; raised where the same input
@@ -109,6 +112,8 @@ class Publication(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     ways: dict[str, RecordedWay] = {}
     extra: str = ""
     part_of: str = ""
+    selected_from: str = ""
+    lists: tuple[str, ...] = ()
     made_of: tuple[str, ...] = ()
     exports: tuple[str, ...] = ()
     revision: int = 1
@@ -360,7 +365,25 @@ MADE = _in_order(
     load_declaration(path, Publication)
     for path in (SCHEMA_FOLDERS[0] / "publications").glob("*.toml")
 )
-PUBLISHED: dict[str, Publication] = {**SOURCES, **MADE}
+SELECTIONS = tuple(name for name in MADE if MADE[name].selected_from)
+
+
+def selection_of(name: str) -> str:
+    """The selection that has a name of its own: "draw" of "draw-small"; "" for any other name."""
+    named = (one for one in SELECTIONS if name.startswith(f"{one}-") and len(name) > len(one) + 1)
+    return next(named, "")
+
+
+class _Publications(dict[str, Publication]):
+    """By name; a selection with a name of its own is declared as the one without."""
+
+    def __missing__(self, name: str) -> Publication:
+        if not (selection := selection_of(name)):
+            raise KeyError(name)
+        return self[selection]
+
+
+PUBLISHED: dict[str, Publication] = _Publications({**SOURCES, **MADE})
 
 # Kinds of the passages of all sources; those of pages, which are about what their titles name; and
 # what texts are called in links.
@@ -371,7 +394,9 @@ PAGES = tuple(
 PARTS = tuple(dict.fromkeys(part for source in SOURCES.values() for part in source.parts))
 
 # What every release holds; the rest is there where the profile asks for it.
-BY_DEFAULT = tuple(name for name in PUBLISHED if not PUBLISHED[name].part_of)
+BY_DEFAULT = tuple(
+    name for name, one in PUBLISHED.items() if not (one.part_of or one.selected_from)
+)
 
 
 def made_of(name: str) -> tuple[str, ...]:

@@ -2,7 +2,8 @@
 
 `youtube_full.json` is a JSON list of `id, title, link, view_count, like_count, duration` (seconds)
 `, fps`; `youtube_tutorial.json`, which its loader reads for `full=False`, has of these the videos
-whose title says that it teaches.
+that a playlist found by the profile's phrases lists; where there is no such playlist, those whose
+title says that they teach.
 
 `reddit.json` is a list of `id` and `type`. The published loader, and `kb reddit reconstruct`, bring
 the content back by id. The loader knows text, image, video and link and takes a post's content by
@@ -69,7 +70,7 @@ YOUTUBE = {
 }
 
 
-# MineDojo chose its tutorials by playlists; a title is what there is of every video.
+# MineDojo chose its tutorials by playlists; where none was read, a title is what there is.
 _TEACHES = re.compile(
     r"\b(tutorials?|guides?|walk-?throughs?|how to|beginners?|basics|step by step|lessons?|"
     r"explained|tips)\b",
@@ -83,15 +84,26 @@ def youtube(run: Run, out: Path | None = None) -> Summary:
     """Writes both lists of videos, sorted by id. Raises FatalError without clean rows, DiskFull."""
     check_rows(run.root, "youtube/videos")
     path = (out or Layout(run.root).export("minedojo")) / "youtube_full.json"
-    count = 0
+    count, listed = 0, _listed(run.root)
     with json_list(path) as add, json_list(path.with_name("youtube_tutorial.json")) as add_tutorial:
         for row in sorted_rows(run.root, "youtube/videos", list(YOUTUBE.values()), ["video_id"]):
             video = {name: row[ours] for name, ours in YOUTUBE.items()}
             add(video)
-            if _TEACHES.search(video["title"]):
+            if video["id"] in listed if listed else _TEACHES.search(video["title"] or ""):
                 add_tutorial(video)
             count += 1
     return Summary(format="minedojo", videos=count, path=str(path))
+
+
+def _listed(root: Path) -> set[str]:
+    """The videos of playlists that a phrase of the profile found. Raises DamagedData."""
+    found = {
+        row["playlist_id"]
+        for row in sorted_rows(root, "youtube/playlists", ["playlist_id", "keyword"])
+        if row["keyword"] is not None
+    }
+    entries = sorted_rows(root, "youtube/playlist_videos", ["playlist_id", "video_id", "position"])
+    return {row["video_id"] for row in entries if row["playlist_id"] in found}
 
 
 def reddit(run: Run, out: Path | None = None) -> Summary:

@@ -130,10 +130,10 @@ class Clean:
     """Raw answers → clean tables of one source.
 
     `complete` gets the kept tables of a bucket, and adds columns that depend on what else was kept
-    (the number of comments of a post) or that only kept rows need. `across` gets the folder of the
-    new clean tables, fills columns that depend on all buckets (the page that a title means), and
-    returns by how many rows it changed which table. `figures` gets the data root and that folder,
-    and adds figures to the summary.
+    (the number of comments of a post) or that only kept rows need. `across` gets the data root
+    and the folder of the new clean tables, fills columns or tables that depend on all buckets (the
+    page that a title means), and returns by how many rows it changed which table. `figures`
+    gets the data root and that folder, and adds figures to the summary.
     """
 
     source: str
@@ -143,7 +143,7 @@ class Clean:
     scorer: Scorer | None = None
     given_up: GivenUp | None = None
     complete: Callable[[dict[str, pa.Table]], dict[str, pa.Table]] | None = None
-    across: Callable[[Path], Mapping[str, int]] | None = None
+    across: Callable[[Path, Path], Mapping[str, int]] | None = None
     figures: Callable[[Path, Path], Mapping[str, Any]] | None = None
 
 

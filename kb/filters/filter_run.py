@@ -84,7 +84,8 @@ def run_clean(run: Run, source: str, *, restored: bool = False) -> Summary:
                         task.advance(1, kept=counts["kept"], rejected=counts["rejected"])
                 _check_rows(spec, decoded, counts)
                 counts.update(_add_what_no_bucket_has(job, spec))
-                for name, rows in (spec.across(fresh) if spec.across is not None else {}).items():
+                changed = spec.across(run.root, fresh) if spec.across is not None else {}
+                for name, rows in changed.items():
                     counts[f"kept {name}"] += rows
                 summary = _summary(spec, fresh, decoded.unknown, counts, key)
                 summary |= spec.figures(run.root, fresh) if spec.figures is not None else {}

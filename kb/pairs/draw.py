@@ -13,7 +13,7 @@ the same, on one side.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -50,6 +50,17 @@ class Limits(NamedTuple):
     per_video: int = 0
     videos: int = 0
 
+    @property
+    def in_words(self) -> str:
+        """All of them as a sentence's part."""
+        named = {
+            "pairs of a keyword": self.per_keyword,
+            "pairs of a video": self.per_video,
+            "videos": self.videos,
+        }
+        limited = (f"at most {value:,} {name}" for name, value in named.items() if value)
+        return ", ".join(limited) or "none"
+
 
 class Pool(NamedTuple):
     """What pairs are drawn from, a row each: 64 random bits, keyword and video by number (int32),
@@ -70,7 +81,9 @@ class Pool(NamedTuple):
 
 
 def chosen_rows(pool: Pool, n: int, limits: Limits, seed: int) -> np.ndarray:
-    """The rows of `n` drawn pairs. Raises UsageError with the largest number that can be drawn."""
+    """The rows of `n` drawn pairs in the order drawn: the first ones are as even over keywords as
+    all of them. Raises UsageError with the largest number that can be drawn.
+    """
     rows = np.arange(len(pool.id))
     rank = mixed(pool.id ^ mixed(np.array([seed], np.int64).astype(np.uint64)))
     available = np.bincount(pool.keyword, minlength=len(pool.keywords))
@@ -91,7 +104,8 @@ def chosen_rows(pool: Pool, n: int, limits: Limits, seed: int) -> np.ndarray:
             f"{n:,} pairs can't be drawn: at most {most:,}",
             hint=f"draw {most}, or loosen the condition and the limits",
         )
-    quota = _quota(offered, n, seeded_random.video_keys(seed, pool.keywords))
+    mixed_keywords = seeded_random.video_keys(seed, pool.keywords)
+    quota = _quota(offered, n, mixed_keywords)
     order = rows[np.argsort(pool.keyword[rows], kind="stable")]
     del rows
     ends = np.searchsorted(pool.keyword[order], np.arange(len(quota)), "right").tolist()
@@ -102,7 +116,10 @@ def chosen_rows(pool: Pool, n: int, limits: Limits, seed: int) -> np.ndarray:
         # In the first turn each video gives one pair, in the second one more.
         turn = _places(pool.video[mine])
         chosen.append(mine[np.lexsort((rank[mine], turn))[: quota[keyword]]])
-    return np.concatenate(chosen)
+    order = np.concatenate(chosen)
+    # The first pair of each keyword, then the second ones …, each time in the keywords' own order.
+    turns = np.concatenate([np.arange(len(rows)) for rows in chosen])
+    return order[np.lexsort((mixed_keywords[pool.keyword[order]], turns))]
 
 
 def _places(groups: np.ndarray) -> np.ndarray:
@@ -152,10 +169,40 @@ def sides_of(weights: np.ndarray, groups: np.ndarray, drawn: np.ndarray) -> np.n
     return side[groups]
 
 
-def draw(
-    run: Run, n: int, limits: Limits, where: str, seed: int, out: Path, *, plan: bool = False
-) -> Summary:
-    """Draw `n` pairs and write them to `out`, or only say what would be drawn.
+class Asked(NamedTuple):
+    """What is to be drawn: `n` pairs that meet the condition `where`."""
+
+    n: int
+    limits: Limits = Limits()
+    where: str = ""
+    seed: int = 0
+
+
+class Draw(NamedTuple):
+    """Drawn pairs in the order drawn, the side of each of their videos by its number as the place
+    in SPLIT, what the summary says of them, and what a reader must know of the split.
+    """
+
+    pairs: Pool
+    sides: np.ndarray
+    summary: Summary
+    remarks: list[str]
+
+    def write_videos(self, path: Path) -> None:
+        """The ids of the videos, those with the most pairs first."""
+        names, counts = self.pairs.videos, np.bincount(self.pairs.video)
+        order = sorted(np.flatnonzero(counts), key=lambda video: (-counts[video], names[video]))
+        path.write_text("".join(f"{names[video]}\n" for video in order))
+
+    @property
+    def of_keywords(self) -> list[tuple[str, int]]:
+        """How many pairs of which keyword were drawn."""
+        counts = np.bincount(self.pairs.keyword, minlength=len(self.pairs.keywords)).tolist()
+        return [pair for pair in zip(self.pairs.keywords, counts, strict=True) if pair[1]]
+
+
+def draw(run: Run, asked: Asked, out: Path, *, plan: bool = False) -> Summary:
+    """Draw pairs and write them to `out`, or only say what would be drawn.
 
     The same tables, condition and seed give the same bytes. Raises UsageError for a condition that
     can't be asked and for more pairs than there are, FatalError without pairs, DamagedData,
@@ -166,47 +213,47 @@ def draw(
     if not plan and place.exists() and not (place / PAIRS).is_file():
         raise UsageError(f"--out {out} exists and is not a draw of pairs", hint="name a new folder")
     catalog = table_catalog.read_catalog(run.root)
-    meant, every = asking(catalog, where=where), asking(catalog)
+    every = asking(catalog)
     with (
         reading(catalog.files("pairs/pairs")),
         database.connect(catalog.spill, memory=_MEMORY) as con,
     ):
-        bare = f"FROM {scan(catalog.files('pairs/pairs'))}"  # without a condition no join
-        pool = _pool(con, checked(con, meant, where) if where else bare)
-        chosen = chosen_rows(pool, n, limits, seed)
-        drawn, out_of = pool.take(chosen), len(pool.id)
-        del pool, chosen  # of millions of pairs, while the drawn ones are written
-        sides, groups = _sides(con, catalog, drawn, seed)
-        counts = Counter(np.array(list(SPLIT))[sides[drawn.video]].tolist())
-        of_keyword = np.bincount(drawn.keyword, minlength=len(drawn.keywords))
-        of_video = np.bincount(drawn.video, minlength=len(drawn.videos))
-        summary = Summary(
-            command="pairs draw",
-            pairs=len(drawn.id),
-            out_of=out_of,
-            keywords=int((of_keyword > 0).sum()),
-            most_of_a_keyword=int(of_keyword.max(initial=0)),
-            videos=int((of_video > 0).sum()),
-            hours=round(float(drawn.seconds.sum()) / 3600, 2),
-            **{side: counts[side] for side in ("train", "validation", "test")},
-        )
-        remarks = split_remarks(summary, groups)
-        for remark in remarks:
-            run.progress.say(remark)
+        made = drawn_from(run, con, catalog, asked)
         if plan:
-            return summary
+            return made.summary
         with replacing_folder(place) as folder:
-            _write_pairs(con, every, drawn, sides, folder / PAIRS)
-            order = sorted(np.flatnonzero(of_video), key=lambda v: (-of_video[v], drawn.videos[v]))
-            (folder / VIDEOS).write_text("".join(f"{drawn.videos[v]}\n" for v in order))
-            drawn_of = [
-                (name, int(count))
-                for name, count in zip(drawn.keywords, of_keyword, strict=True)
-                if count
-            ]
-            text = _readme(summary, limits, where, seed, drawn_of, remarks)
-            (folder / README).write_text(text, encoding="utf-8")
-    return Summary(summary, path=str(place))
+            _write_pairs(con, every, made.pairs, made.sides, folder / PAIRS)
+            made.write_videos(folder / VIDEOS)
+            (folder / README).write_text(_readme(made, asked), encoding="utf-8")
+    return Summary(made.summary, path=str(place))
+
+
+def drawn_from(run: Run, con: duckdb.DuckDBPyConnection, catalog: Catalog, asked: Asked) -> Draw:
+    """A draw from the pairs of a catalog. Raises as `draw`."""
+    bare = f"FROM {scan(catalog.files('pairs/pairs'))}"  # without a condition no join
+    if asked.where:
+        bare = checked(con, asking(catalog, where=asked.where), asked.where)
+    pool = _pool(con, bare)
+    drawn = pool.take(chosen_rows(pool, asked.n, asked.limits, asked.seed))
+    out_of = len(pool.id)
+    del pool  # of millions of pairs, while the drawn ones are written
+    sides, groups = _sides(con, catalog, drawn, asked.seed)
+    counts = Counter(np.array(list(SPLIT))[sides[drawn.video]].tolist())
+    of_keyword = np.bincount(drawn.keyword, minlength=len(drawn.keywords))
+    summary = Summary(
+        command="pairs draw",
+        pairs=len(drawn.id),
+        out_of=out_of,
+        keywords=int((of_keyword > 0).sum()),
+        most_of_a_keyword=int(of_keyword.max(initial=0)),
+        videos=len(np.unique(drawn.video)),
+        hours=round(float(drawn.seconds.sum()) / 3600, 2),
+        **{side: counts[side] for side in ("train", "validation", "test")},
+    )
+    remarks = split_remarks(summary, groups)
+    for remark in remarks:
+        run.progress.say(remark)
+    return Draw(drawn, sides, summary, remarks)
 
 
 def _pool(con: duckdb.DuckDBPyConnection, asked: str) -> Pool:
@@ -322,29 +369,18 @@ def _write_pairs(
             file.write_batch(batch)
 
 
-def _readme(
-    summary: Summary,
-    limits: Limits,
-    where: str,
-    seed: int,
-    counts: Sequence[tuple[str, int]],
-    remarks: Sequence[str],
-) -> str:
+def _readme(made: Draw, asked: Asked) -> str:
     """What was drawn, and how to go on."""
-    most = sorted(counts, key=lambda item: (-item[1], item[0]))
-    named = {
-        "pairs of a keyword": limits.per_keyword,
-        "pairs of a video": limits.per_video,
-        "videos": limits.videos,
-    }
-    limited = ", ".join(f"at most {value:,} {name}" for name, value in named.items() if value)
+    summary, where, limited = made.summary, asked.where, asked.limits.in_words
+    most = sorted(made.of_keywords, key=lambda item: (-item[1], item[0]))
     rows = "\n".join(f"| {name} | {count:,} |" for name, count in most)
-    noted = "".join(f"\n**{text[0].upper()}{text[1:]}.**\n" for text in remarks)
+    condition = f", where `{where}`" if where else ""
+    noted = "".join(f"\n**{text[0].upper()}{text[1:]}.**\n" for text in made.remarks)
     return f"""\
 # A draw of {summary["pairs"]:,} pairs
 
-Drawn from {summary["out_of"]:,} pairs with the seed {seed}{f", where `{where}`" if where else ""}.
-Limits: {limited or "none"}. They are {summary["hours"]:,} hours of {summary["videos"]:,} videos.
+Drawn from {summary["out_of"]:,} pairs with the seed {asked.seed}{condition}.
+Limits: {limited}. They are {summary["hours"]:,} hours of {summary["videos"]:,} videos.
 
 | split | pairs |
 |---|---|

@@ -16,12 +16,16 @@ if TYPE_CHECKING:
     from kb.artifacts.table_catalog import Catalog
 
 SCORES = ("model", "similarity", "margin", "best_offset_s", "static_share", "frames")
+FIGURES = ("cuts", "cut_free_start_s", "cut_free_end_s", "motion", "static_share", "dark_share")
 LABELS = ("visible", "described", "on_time")  # questions about pairs
 
 
-def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
+def asking(
+    catalog: Catalog, given: Path | None = None, where: str = "", *, within_shot: bool = False
+) -> str:
     """SQL of all pairs, or of those in the file `given`, with every column that a condition may
-    name: of pairs and quality, and where there are some of scores and labels.
+    name: of pairs and quality, and where there are some of scores, films and labels. With
+    `within_shot` those whose film was seen, and of each clip the stretch without a cut.
 
     Raises UsageError where the condition names scores or labels that are not there, FatalError
     without pairs.
@@ -41,6 +45,14 @@ def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
     if scores:
         columns.append(f"s.* EXCLUDE ({', '.join(_both(files[0], scores[0]))})")
         joins.append(f"LEFT JOIN {scan(scores)} AS s ON s.pair_id = p.pair_id")
+    figures = (
+        [] if words.isdisjoint(FIGURES) and not within_shot else catalog.files("films/film_figures")
+    )
+    if figures:
+        # The share of static frames is the same in both tables.
+        known = {*_both(files[0], figures[0]), *(_both(scores[0], figures[0]) if scores else ())}
+        columns.append(f"f.* EXCLUDE ({', '.join(sorted(known))})")
+        joins.append(f"LEFT JOIN {scan(figures)} AS f ON f.pair_id = p.pair_id")
     labels = catalog.files("labels/labels")
     if labels:
         # What most people answered, of equals the last by the alphabet.
@@ -55,7 +67,8 @@ def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
             " GROUP BY item_id) AS l ON l.item_id = p.pair_id"
         )
     for names, there, made_by in (
-        (SCORES, scores, "kb pairs score --videos DIR"),
+        (SCORES, [*scores, *figures], "kb pairs score --videos DIR"),
+        (FIGURES, [*scores, *figures], "kb pairs score --videos DIR"),
         (LABELS, labels, "kb label import FILE"),
     ):
         for name in names:
@@ -69,7 +82,18 @@ def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
             f"SELECT a.*{', g.split' if with_split else ''} FROM ({asked}) AS a"
             f" JOIN {scan([given])} AS g ON g.pair_id = a.pair_id"
         )
-    return f"SELECT * FROM ({asked}) WHERE ({where or 'true'})"
+    if within_shot and not figures:
+        raise UsageError(
+            "no film was seen yet, so it is not known where its cuts are",
+            hint="run `kb pairs score --videos DIR` first",
+        )
+    asked = f"SELECT * FROM ({asked}) WHERE ({where or 'true'})"
+    if within_shot:
+        asked = (
+            "SELECT * REPLACE (cut_free_start_s AS clip_start_s, cut_free_end_s AS clip_end_s)"
+            f" FROM ({asked}) WHERE cuts IS NOT NULL"
+        )
+    return asked
 
 
 def with_ids(given: Path) -> Path:

@@ -39,6 +39,8 @@ from kb.store.state import tombstones
 from kb.store.tables import parquet
 from kb.store.tables.shard_writer import sorted_shards, write_table
 
+DRAW = "draw"  # source of a folder of drawn pairs, and its table
+
 
 def refill(run: Run, index: Path) -> Summary:
     """Write pairs/ with the index's rows; `text` is null where it can't be had, and counted.
@@ -66,14 +68,25 @@ class TextRestore:
 
     @property
     def wanted(self) -> bool:
-        """Whether a folder of pairs was chosen."""
-        return bool(self.content.folders_of("pairs"))
+        """Whether a folder of pairs, or a draw of them, was chosen."""
+        return bool(self.content.folders_of("pairs") or self.content.folders_of(DRAW))
+
+    @property
+    def _indexes(self) -> list[ReleaseFolder]:
+        """The folders of pairs: those that were chosen, else those beside a chosen draw."""
+        beside = [one for one in self.content.folders if one.source == "pairs"]
+        return self.content.folders_of("pairs") or (beside if self.content.folders_of(DRAW) else [])
 
     def check_settings(self, needed: tuple[str, ...]) -> tuple[str, ...]:
         """As `RestoreJob.check_settings`. Raises ProfileError without [pairs], SettingError."""
         if self.wanted:
             self.run.profile.section(Pairs)
-        if len(self.content.folders_of("pairs")) > 1:
+        if self.wanted and not self._indexes:
+            raise SettingError(
+                "a draw alone has no times of its texts",
+                hint="name the folder of pairs that it was drawn from as well",
+            )
+        if len(self._indexes) > 1:
             raise SettingError(
                 "several folders contain pairs",
                 hint="restore one index at a time, each into its own --data",
@@ -87,7 +100,7 @@ class TextRestore:
         items = 0
         restored = _ids(parquet_files(Layout(self.run.root).restored("pairs")), "pair_id")
         asked = pa.array(self.left(), pa.string())
-        for folder in self.content.folders_of("pairs"):
+        for folder in self._indexes:
             rows = _wanted(self.run.root, folder, self.content)
             done = pc.is_in(rows["pair_id"].cast(pa.string()), value_set=restored)
             waits = pc.is_in(rows["video_id"].cast(pa.string()), value_set=asked)
@@ -96,10 +109,19 @@ class TextRestore:
 
     def restore(self) -> Summary:
         """As `RestoreJob.restore`; pairs of removed videos are left out. Raises DamagedData."""
-        at, (folder,) = Layout(self.run.root), self.content.folders_of("pairs")
+        at, (folder,) = Layout(self.run.root), self._indexes
         transcripts = parquet_files(at.restored(VIDEOS, "transcripts"))
         rows = _wanted(self.run.root, folder, self.content)
-        return fill(self.run, rows, transcripts, "restored/pairs")
+        filled = fill(self.run, rows, transcripts, "restored/pairs")
+        draws = self.content.folders_of(DRAW)
+        if len(draws) == 1:
+            _fill_draw(self.run.root, draws[0])
+        elif draws:
+            self.run.progress.say(
+                f"{len(draws)} draws: the texts of their pairs are in restored.pairs; name one draw"
+                " for a table of its own"
+            )
+        return filled
 
     def missing(self) -> pa.Table | None:
         """As `RestoreJob.missing`: pairs without text, and whether their video has a transcript."""
@@ -127,7 +149,28 @@ def _wanted(root: Path, folder: ReleaseFolder, content: WantedContent) -> pa.Tab
     own = tombstones.keys(root, VIDEOS)
     removed = pa.array(sorted(own | content.removed(VIDEOS, "pairs")), pa.string())
     purged = pc.is_in(rows["video_id"].cast(pa.string()), value_set=removed)
-    return rows.filter(pc.invert(purged))
+    rows = rows.filter(pc.invert(purged))
+    if content.folders_of("pairs"):
+        return rows
+    drawn = _ids(
+        [file for draw in content.folders_of(DRAW) for file in draw.shards(DRAW)], "pair_id"
+    )
+    return rows.filter(pc.is_in(rows["pair_id"].cast(pa.string()), value_set=drawn))
+
+
+def _fill_draw(root: Path, folder: ReleaseFolder) -> None:
+    """Write restored/draw: the rows of a draw with the texts of restored/pairs. Raises DamagedData,
+    DiskFull.
+    """
+    files = parquet_files(Layout(root).restored("pairs"))
+    pairs = pa.concat_tables(parquet.read_table(one, ["pair_id", "text"]) for one in files)
+    rows = pa.concat_tables(parquet.read_table(one) for one in folder.shards(DRAW))
+    ids = pairs["pair_id"].cast(pa.string()).combine_chunks()
+    place = pc.index_in(rows["pair_id"].cast(pa.string()), value_set=ids)
+    rows = rows.append_column("text", pairs["text"].take(place)).filter(pc.is_valid(place))
+    rows = rows.sort_by([("split", "ascending"), ("rank", "ascending")])
+    with manifest.replacing(root, f"restored/{DRAW}", inputs={}) as fresh:
+        write_table(fresh.folder / "part-00000.parquet", rows, "draw/draw")
 
 
 def _ids(files: Sequence[Path], name: str) -> pa.Array[Any]:

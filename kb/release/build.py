@@ -28,7 +28,7 @@ from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import NotReleasable, ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
-from kb.core.sources import PUBLISHED, SOURCES, made_of
+from kb.core.sources import PUBLISHED, SELECTIONS, SOURCES, made_of
 from kb.core.summary import Summary
 from kb.release import folders, provenance
 from kb.release.folders import sample_name
@@ -66,6 +66,8 @@ def release(
         raise _unsigned(run.profile, unlicensed)
     with domain_binding.writing(run, *RELEASES):
         refuse(check.check(run, exports))
+        for folder in exports:
+            freshness.settle_purged(run, folder.name)
         facts = [write(run, folder, published[folder.source]) for folder in exports]
         refuse(
             check.check_made(
@@ -73,7 +75,7 @@ def release(
             )
         )
         write_overview(run)
-        freshness.note_described(run, (folder.source for folder in exports))
+        freshness.note_described(run, (folder.name for folder in exports))
     return Summary(
         command="release",
         folders=len(exports),
@@ -144,7 +146,14 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
             hint=f"exported: {', '.join(folder.source for folder in exports)}",
         )
     exports = [folder for folder in exports if folder.source in wanted]
-    stale = freshness.stale(run, *(f"release/{folder.source}" for folder in exports))
+    stale = freshness.stale(run, *(f"release/{folder.name}" for folder in exports))
+    for folder in [one for one in exports if f"release/{one.name}" in stale]:
+        # What was selected is made again by nobody but its maker, who may want it as it was.
+        if folder.source in SELECTIONS and folder.source not in only:
+            name = f"release/{folder.name}"
+            why, again = ", ".join(stale.pop(name)), ARTIFACTS[name].command
+            run.progress.say(f"{name} is left out, as it is out of date: {why}; run `{again}`")
+            exports.remove(folder)
     refuse(
         [
             GateProblem("out of date", name, ", ".join(why))
@@ -223,11 +232,13 @@ def write_samples(folder: ReleaseFolder, megabytes: float) -> list[Path]:
 
     The tables of a folder share a column (a pair, a page, a post). All samples have the same values
     of it: first those that most of the tables have, in the order of their MD5, so that the sample
-    is spread over the data and the same each time.
+    is spread over the data and the same each time. A table without that column shows its first
+    rows.
     """
     shared = _shared(folder.parts)
     with database.asking() as con:
-        keys = _fitting(con, folder.parts, shared)
+        having = tuple(part for part in folder.parts if shared in part.table.names(released=True))
+        keys = _fitting(con, having, shared)
         while True:
             written = [_sample(con, folder, part, shared, keys) for part in folder.parts]
             if sum(path.stat().st_size for path in written) <= megabytes * 1e6 or len(keys) < 2:
@@ -260,9 +271,11 @@ def _sample(
     con: DuckDBPyConnection, folder: ReleaseFolder, part: ReleasedTable, shared: str, keys: Any
 ) -> Path:
     by = ", ".join(f'"{name}"' for name in order(part.table))
+    has = shared in part.table.names(released=True)
+    fits = f't."{shared}" IN (SELECT unnest($2))' if has else "len($2) > 0"
+    limit = _SAMPLED if has else f"least({_SAMPLED}, len($2))"
     rows = con.sql(
-        f'SELECT t.* FROM read_parquet($1) t WHERE t."{shared}" IN (SELECT unnest($2))'
-        f" ORDER BY {by} LIMIT {_SAMPLED}",
+        f"SELECT t.* FROM read_parquet($1) t WHERE {fits} ORDER BY {by} LIMIT {limit}",
         params=[[str(shard) for shard in part.shards], keys],
     ).to_arrow_table()
     path = folder.path / sample_name(part.table)
@@ -286,14 +299,16 @@ def _values(column: pa.ChunkedArray[Any]) -> list[Any]:
 
 def _shared(parts: tuple[ReleasedTable, ...]) -> str:
     """The column that is the key of all tables of the folder, else one that all have and that is
-    the key of a source's table; else the first's first key.
+    the key of a source's table; else the main one's first key.
     """
     first = parts[0].table.key
     if len(first) == 1 and all(part.table.key == first for part in parts):
         return first[0]
+    source = parts[0].table.source
     for name in (
-        table(f"{source}/{short}").key[0] for source in SOURCES for short in SOURCES[source].tables
+        table(f"{one}/{short}").key[0] for one in SOURCES for short in SOURCES[one].tables
     ):
         if all(name in part.table.names(released=True) for part in parts):
             return name
-    return first[0]
+    own = next((part for part in parts if part.table.short == PUBLISHED[source].main), parts[0])
+    return own.table.key[0]

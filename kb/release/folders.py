@@ -19,9 +19,9 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.core.installation import PROFILE_FILE
 from kb.core.licences import KNOWN
-from kb.core.sources import PUBLISHED
+from kb.core.sources import PUBLISHED, SELECTIONS, selection_of
 from kb.schema import Table, released_tables
-from kb.store.artifact_registry import SUMS
+from kb.store.artifact_registry import SUMS, selections
 from kb.store.atomic import write_bytes
 from kb.store.damage import DOWNLOAD, missing, opening
 from kb.store.layout import Layout
@@ -42,7 +42,14 @@ RECIPES = "recipe-*.txt"  # texts of the user's own recipes, which nothing runs
 
 def in_root(root: Path) -> list[ReleaseFolder]:
     """The folders under `release/` that an export has filled, in the contract's order."""
-    folders = (read_release_folder(Layout(root).release(source), source) for source in PUBLISHED)
+    at = Layout(root)
+    folders = [
+        read_release_folder(at.release(one), one) for one in PUBLISHED if one not in SELECTIONS
+    ]
+    folders += [
+        read_release_folder(at.release(name), selection_of(name) or name)
+        for name in selections(root)
+    ]
     return [folder for folder in folders if folder.data]
 
 

@@ -68,7 +68,7 @@ class Changes(msgspec.Struct, frozen=True):
 
 def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Changes:
     """What is new and what is gone. Raises DamagedData for a note that can't be read."""
-    noted = parquet_files(Layout(root).released(folder.source))
+    noted = parquet_files(Layout(root).released(folder.name))
     lower = [path for path in noted if _number(path.stem) < _number(version)]
     if not lower:
         return Changes()
@@ -111,7 +111,7 @@ def record(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Non
     built = facts.built.strftime("%Y-%m-%d") if facts.built else ""
     about = {"built": built, "tombstones": facts.tombstones, "columns": _compared(folder)}
     keys = _keys(folder).replace_schema_metadata({_ABOUT: json.dumps(about).encode()})
-    path = Layout(root).released(folder.source) / f"{version}.parquet"
+    path = Layout(root).released(folder.name) / f"{version}.parquet"
     path.parent.mkdir(parents=True, exist_ok=True)
     with writing(path) as fresh:
         parquet.write_file(fresh, keys)

@@ -60,6 +60,7 @@ class Domain:
     channels: tuple[str, ...]  # their names
     channel_kinds: tuple[str, ...]  # what each says that it is about
     keywords: tuple[Keyword, ...] = ()  # what is spoken of, the most frequent first
+    phrases: tuple[str, ...] = ()  # that find playlists
     recorded_wiki: bool = False
     namespace: int = 0  # of the wiki's pages
     sprite: str = "sprite"  # classes of the wiki's markup
@@ -103,6 +104,7 @@ def domain_of(profile: Profile) -> Domain:
         ),
         channel_kinds=_kinds(searches, len(grammar().channels)),
         keywords=tuple(spoken),
+        phrases=youtube.playlist_keywords if youtube else (),
         recorded_wiki=choice.recorded_wiki,
         **_wiki(profile),
     )

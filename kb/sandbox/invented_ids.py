@@ -5,6 +5,7 @@ alphabets of the real ones.
 
 - YouTube's ids are whole bytes in base64url: 8 in the 11 characters of a video's, 16 in the 22
   behind a channel's "UC". The bits that are left over are zero, so neither ends in "x" ever.
+- A playlist's "PL" is followed by 16 or 32 characters; here it is followed by 31.
 - Reddit's are integers of 64 bits in base 36: none has 13 digits and begins with "z".
 - Reddit's people have 3 to 20 characters, its subreddits up to 21, YouTube's handles up to 30:
   longer ones can't be registered.
@@ -32,6 +33,11 @@ def video_id(rng: random.Random) -> str:
 def channel_id(rng: random.Random) -> str:
     """An id in the form of a channel's."""
     return "UC" + _token(rng, 22)
+
+
+def playlist_id(rng: random.Random) -> str:
+    """An id in the form of a playlist's."""
+    return "PL" + _token(rng, 31)
 
 
 def post_id(number: int, archived: bool = False) -> str:

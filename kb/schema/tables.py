@@ -138,7 +138,11 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, dict=True):
-    """A declared table. `name` is "<source>/<table>"; `key` and `sort_by` name columns."""
+    """A declared table. `name` is "<source>/<table>"; `key` and `sort_by` name columns.
+
+    `split_by` names a column with few values, after which the files of a release are named, and
+    not after the table: a split for training each.
+    """
 
     name: Text
     doc: Text
@@ -146,6 +150,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     key: Annotated[tuple[str, ...], Meta(min_length=1)]
     sort_by: Annotated[tuple[str, ...], Meta(min_length=1)]
     released: bool = False
+    split_by: str = ""
     inputs: tuple[Column, ...] = msgspec.field(name="input", default=())
 
     def __post_init__(self) -> None:
@@ -153,8 +158,9 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         names = Counter(column.name for column in (*self.columns, *self.inputs))
         if twice := [name for name, count in names.items() if count > 1]:
             raise ValueError(f"declared twice: {', '.join(twice)}")
-        if unknown := {*self.key, *self.sort_by} - set(self._by_name):
-            raise ValueError(f"`key` or `sort_by` name {', '.join(sorted(unknown))}, not a column")
+        if unknown := {*self.key, *self.sort_by, *filter(None, [self.split_by])} - {*self._by_name}:
+            what = f"name {', '.join(sorted(unknown))}, not a column"
+            raise ValueError(f"`key`, `sort_by` or `split_by` {what}")
 
     @property
     def source(self) -> str:
@@ -163,6 +169,11 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     @property
     def short(self) -> str:
         return self.name.partition("/")[2]
+
+    @property
+    def stems(self) -> tuple[str, ...]:
+        """What the names of its files in a release begin with."""
+        return self.column(self.split_by).values if self.split_by else (self.short,)
 
     @cached_property
     def _by_name(self) -> dict[str, Column]:

@@ -1,19 +1,11 @@
-"""`kb pairs score`: pairs and the user's own films → pairs/scores-*.parquet.
+"""`kb pairs score`: pairs and the user's own films → pairs/scores-*.parquet and films/*.parquet.
 
+    annotations/films/<video>/   what was seen of a film (kb.score.film_store)
     state/scores/<video>.json    the scores of a video's pairs, and of what they were made
 
-Frames are taken on one grid of the whole film, so that clips that overlap share decoding and
-embedding. What is measured of a pair:
-
-similarity      cosine of the clip's embedding and the text's
-margin          how much higher that is than the mean with the texts of the video's other clips,
-                those that do not overlap it
-best_offset_s   by how much the picture comes after the words: of −8, −6, … 8 s the one at which the
-                frames around the phrase are most similar to the text
-static_share    share of neighbouring frames of the clip that hardly differ
-
-A video that was scored is not decoded again while its pairs, its film and the model are the same:
-a run that was stopped goes on, and pairs that were made again take their scores from there.
+A film is decoded once, for all that is measured of it; scores are computed of what is stored
+(kb.score.pair_scores). So a film that was seen is not opened again unless pairs need vectors of
+other places, and a run that was stopped goes on behind the last film.
 
 The section "scores" of pairs/measures.json says what the scores are like, and what people's
 judgements say of them. Of the pairs that people judged (`visible`: whether the clip shows what the
@@ -34,7 +26,7 @@ from functools import lru_cache
 from itertools import groupby, pairwise
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import pyarrow as pa
@@ -44,17 +36,30 @@ from kb.annotate.backends import choose_device
 from kb.artifacts import manifest, measures, table_catalog
 from kb.artifacts.measures import QUANTILES, quantiles_of
 from kb.clips.build import SHORT, Chosen, selected, version_of
-from kb.clips.film_lookup import FILM_DIFFERS, MISSING, UNDECODABLE
-from kb.clips.frames import UndecodableVideo, frames_at
-from kb.core import signals
+from kb.clips.film_lookup import FILM_DIFFERS, MISSING, UNDECODABLE, film_length_s
+from kb.clips.frames import UndecodableVideo
 from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import MissingModel
-from kb.core.installation import np
+from kb.core.installation import np, require
 from kb.core.summary import Summary, share_of
 from kb.schema.tables import table
-from kb.score.models import BATCH, ClipModel, checkpoint_file, model_name, unit
+from kb.score.figures import write_figures
+from kb.score.film_pass import watch_film
+from kb.score.film_store import (
+    SeenFilm,
+    Vectors,
+    film_digest,
+    forget_film,
+    keep_film,
+    keep_vectors,
+    seen_film,
+    text_key,
+    vectors_of,
+)
+from kb.score.models import ClipModel, checkpoint_file, model_name
+from kb.score.pair_scores import Row, needed_ticks, scores_of
 from kb.store.atomic import write_bytes
 from kb.store.damage import read_note
 from kb.store.layout import Layout
@@ -63,16 +68,11 @@ from kb.store.tables import database, parquet
 from kb.store.tables.reading import scan
 from kb.store.tables.shard_writer import write_table
 
-OFFSETS_S = (0, -2, 2, -4, 4, -6, 6, -8, 8)  # of equals the first counts
-AROUND_S = 1.0  # the frames around a phrase begin and end by as much before and after it
-STILL = 2.0  # neighbouring frames hardly differ when their values (0 to 255) do by less on average
-_DIGITS = 4
-
-Row = dict[str, Any]
-_RULES = 1  # raise it when the same film, pairs and model give other scores
+_RULES = 2  # raise it when the same film, pairs and model give other scores
 _COLUMNS = "pair_id, video_id, text, clip_start_s, clip_end_s, match_start_s, match_end_s"
 NAME = "pairs/scores"
 NO_TEXT = "no_text"
+_PLANNED_BYTES = 2 * 512  # of a vector
 _REASONS = (MISSING, SHORT, UNDECODABLE, FILM_DIFFERS, NO_TEXT)
 SECTION = "scores"
 _BINS = 10
@@ -83,105 +83,11 @@ WHERE kind = 'pair' AND question = 'visible' AND answer IN ('yes', 'no')
 GROUP BY item_id HAVING avg((answer = 'yes')::INT) <> 0.5"""  # a tie says nothing
 
 
-class PairScore(NamedTuple):
-    """The score of a pair; the columns of schemas/tables/pairs/scores.toml."""
-
-    pair_id: str
-    similarity: float
-    margin: float | None
-    best_offset_s: float | None
-    static_share: float | None
-    frames: int
-
-
-def scores_of(path: Path, rows: Sequence[Row], model: ClipModel) -> Iterator[PairScore]:
-    """The scores of a video's pairs; a pair whose clip the film is too short for has none.
-
-    `rows`: pair_id, text, clip_start_s, clip_end_s, match_start_s and match_end_s of pairs with a
-    text. Raises UndecodableVideo, Interrupted.
-    """
-    step = model.step_s
-    clips = [_ticks(row["clip_start_s"], row["clip_end_s"], step) for row in rows]
-    phrases = [
-        [
-            _ticks(row["match_start_s"] - AROUND_S + by, row["match_end_s"] + AROUND_S + by, step)
-            for by in OFFSETS_S
-        ]
-        for row in rows
-    ]
-    wanted = np.unique(np.concatenate([*clips, *(one for some in phrases for one in some)]))
-    wanted = wanted[wanted >= 0]
-    embedded, still = _watched(path, wanted, model)
-    there = wanted[: len(embedded)]  # the film may end before
-
-    def seen(ticks: np.ndarray) -> np.ndarray:
-        """The embeddings of these frames; none where the film has less than half of them."""
-        ticks, asked = ticks[np.isin(ticks, there)], len(ticks)
-        return embedded[np.searchsorted(there, ticks if 2 * len(ticks) >= asked else ticks[:0])]
-
-    clips = [ticks[np.isin(ticks, there)] for ticks in clips]
-    scored = [number for number, ticks in enumerate(clips) if len(ticks)]
-    texts = model.texts([row["text"] for row in rows])
-    of_clips = {number: unit(model.clip(seen(clips[number]))) for number in scored}
-    starts = np.array([row["clip_start_s"] for row in rows])
-    ends = np.array([row["clip_end_s"] for row in rows])
-    for number in scored:
-        similar = texts @ of_clips[number]
-        others = similar[(ends <= starts[number]) | (starts >= ends[number])]
-        margin = float(similar[number] - others.mean()) if len(others) else None
-        near = [
-            float(texts[number] @ model.clip(frames)) if len(frames) else -np.inf
-            for frames in map(seen, phrases[number])
-        ]
-        best = int(np.argmax(np.round(near, _DIGITS)))
-        ticks = clips[number][:-1][np.diff(clips[number]) == 1]
-        yield PairScore(
-            rows[number]["pair_id"],
-            round(float(similar[number]), _DIGITS),
-            None if margin is None else round(margin, _DIGITS),
-            float(OFFSETS_S[best]) if np.isfinite(near[best]) else None,
-            round(float(still[np.searchsorted(there, ticks)].mean()), _DIGITS)
-            if len(ticks)
-            else None,
-            len(clips[number]),
-        )
-
-
-def _ticks(start_s: float, end_s: float, step: float) -> np.ndarray:
-    """The places on the grid of a film, (tick + ½) · step, that lie in a span; one at least."""
-    first = round(np.ceil(start_s / step - 0.5))
-    return np.arange(first, max(first, round(np.floor(end_s / step - 0.5))) + 1)
-
-
-def _watched(path: Path, ticks: np.ndarray, model: ClipModel) -> tuple[np.ndarray, np.ndarray]:
-    """Embeddings of the frames at these places of the grid, as far as the film goes; and of each
-    whether the next one, a step later, hardly differs.
-    """
-    times = ((ticks + 0.5) * model.step_s).tolist()
-    embedded = [model.frames(())]
-    still = np.zeros(len(ticks), bool)
-    batch: list[np.ndarray] = []
-    before: np.ndarray | None = None
-    black = np.zeros((*model.size, 3), np.uint8)  # what a player shows before the picture begins
-    for number, frame in enumerate(frames_at(path, times, model.size, model.fit)):
-        image = black if frame is None else frame
-        if before is not None:
-            apart = np.abs(image.astype(np.int16) - before).mean()
-            still[number - 1] = apart < STILL
-        before = image.astype(np.int16)
-        batch.append(image)
-        if len(batch) == BATCH:
-            signals.stop.raise_if_asked()
-            embedded.append(model.frames(batch))
-            batch = []
-    embedded.append(model.frames(batch))
-    return np.concatenate(embedded), still
-
-
 class VideoScores(msgspec.Struct, frozen=True):
     """What became of a video's pairs: the score of each by its id, as columns of a row; or why the
     film could not be read. `made_of`: a digest of pairs, film, model and rules; `pairs`: one of
-    each pair by its id, so that pairs that are made again take their scores from here.
+    each pair by its id, so that pairs that are made again take their scores from here; `absent`:
+    pairs of which vectors are lacking while the film is not there.
     """
 
     made_of: str
@@ -189,50 +95,55 @@ class VideoScores(msgspec.Struct, frozen=True):
     undecodable: str = ""
     model: str = ""
     pairs: dict[str, str] = {}
+    absent: int = 0
 
 
 def score(
     run: Run, folders: Sequence[Path], model: Path | None, chosen: Chosen, device: str = "auto"
 ) -> Summary:
     """Score the chosen pairs; those that were scored by the same model before keep their scores.
+    Without `folders` of what is stored.
 
     pairs = scored + missing + short + undecodable + film_differs + no_text. Raises FatalError
     without pairs, UsageError for a wrong folder, MissingExtra, MissingModel, SettingError (no such
     device), WriterLocked, DiskFull, Interrupted; the same call resumes.
     """
+    require("films", "scenedetect", "cv2")
     path = checkpoint_file(run.profile) if model is None else model.expanduser()
     if not path.exists():
         hint = "run `kb models fetch clip`" if model is None else "give a checkpoint or a folder"
         raise MissingModel(f"there is no model {path}", hint=hint)
     name, device = model_name(path), choose_device(device)
-    state = str(Layout(run.root).scoring)
     counts = Counter[str]()
     scored_rows: list[pa.Table] = []
     waiting = deque[list[Row]]()
     with (
-        selected(run, folders, chosen, _COLUMNS) as (found, _, rows),
+        selected(run, folders, chosen, _COLUMNS) as (found, videos, rows),
         writer(run.root, "pairs"),
-        run.progress.task("pairs score", total=len(found.films), unit="videos") as task,
-        make_executor("local", min(run.workers, max(1, len(found.films)))) as executor,
+        run.progress.task("pairs score", total=len(videos), unit="videos") as task,
+        make_executor("local", min(run.workers, max(1, len(videos)))) as executor,
     ):
 
         def todo() -> Iterator[tuple[str, str, str, str, str, list[Row]]]:
             for own in rows:
                 with_text = [row for row in own if row["text"] is not None]
                 counts[NO_TEXT] += len(own) - len(with_text)
-                film = found.films.get(own[0]["video_id"])
-                if film is None:
-                    counts[found.reason(own[0]["video_id"])[0]] += len(with_text)
-                elif with_text:
+                if with_text:
                     waiting.append(with_text)
-                    yield state, str(path), name, device, str(film), with_text
+                    film = str(found.films.get(own[0]["video_id"], ""))
+                    yield str(run.root), str(path), name, device, film, with_text
 
         for made in map_in_order(executor, score_video, todo(), window=executor.window):
             own = waiting.popleft()
-            counts[UNDECODABLE if made.undecodable else SHORT] += len(own) - len(made.scores)
-            scored_rows.append(_rows(own[0]["video_id"], name, made))
+            video_id = own[0]["video_id"]
+            counts[found.reason(video_id)[0]] += made.absent
+            left = len(own) - len(made.scores) - made.absent
+            counts[UNDECODABLE if made.undecodable else SHORT] += left
+            if made.scores:
+                scored_rows.append(_rows(video_id, name, made))
             task.advance(1, pairs=len(made.scores))
         visible = _write(run, _with_others(run, name, scored_rows))
+        write_figures(run)
     scored = sum(map(len, scored_rows))
     return Summary(
         command="pairs score",
@@ -247,27 +158,106 @@ def score(
     )
 
 
-def score_video(
-    state: str, model: str, name: str, device: str, film: str, rows: list[Row]
-) -> VideoScores:
-    """The scores of a video's pairs, unless they are there. Runs in a worker. A film that changes
-    while it is read is read again.
+def plan(run: Run, folders: Sequence[Path], model: Path | None, chosen: Chosen) -> Summary:
+    """What a run would decode and store: films that were not seen or of which vectors are lacking,
+    their hours, and the size of the vectors of a model with 512 dimensions. Writes nothing.
     """
-    place = Path(state, f"{rows[0]['video_id']}.json")
+    path = checkpoint_file(run.profile) if model is None else model.expanduser()
+    name = model_name(path) if path.exists() else ""
+    pairs = films = places = 0
+    seconds = 0.0
+    with selected(run, folders, chosen, _COLUMNS) as (found, videos, rows):
+        for own in rows:
+            video_id = own[0]["video_id"]
+            pairs += len(own)
+            seen, vectors = seen_film(run.root, video_id), vectors_of(run.root, video_id, name)
+            lacking = {tick for row in own for tick in _lacking(row, seen, vectors, 1.0)}
+            if video_id in found.films and lacking:
+                films, places = films + 1, places + len(lacking)
+                seconds += film_length_s(found.films[video_id])
+    return Summary(
+        command="pairs score",
+        pairs=pairs,
+        videos=len(videos),
+        films=films,
+        hours=round(seconds / 3600, 2),
+        gigabytes=round(places * _PLANNED_BYTES / 1e9, 3),
+    )
+
+
+def score_video(
+    root: str, model: str, name: str, device: str, film: str, rows: list[Row]
+) -> VideoScores:
+    """The scores of a video's pairs, unless they are there. Runs in a worker. `film`: its path, ""
+    where only what is stored counts. A film that changes while it is read is read again.
+    """
+    at, video_id = Path(root), rows[0]["video_id"]
+    place = Layout(at).scoring / f"{video_id}.json"
     while True:
-        version = version_of(film)
-        encoded = msgspec.json.encode((_RULES, name, version, rows), order="sorted")
+        version = version_of(film) if film else None
+        seen = seen_film(at, video_id)
+        try:
+            digest = film_digest(Path(film)) if film else seen.film if seen is not None else ""
+        except OSError:
+            digest = ""
+        if not digest:
+            return VideoScores("", {}, absent=len(rows))
+        encoded = msgspec.json.encode((_RULES, name, digest, rows), order="sorted")
         made_of = hashlib.sha256(encoded).hexdigest()
         done = _read_scores(place)
-        if done is not None and done.made_of == made_of:
+        if done is not None and done.made_of == made_of and (done.undecodable or seen is not None):
             return done
+        loaded = _model(model, device)
+        absent = 0
         try:
-            scores = {one[0]: one[1:] for one in scores_of(Path(film), rows, _model(model, device))}
-            made = VideoScores(made_of, scores, model=name, pairs=_digests(rows))
+            seen, vectors = _seen(at, video_id, name, loaded, Path(film) if film else None, rows)
+            known = [row for row in rows if not _lacking(row, seen, vectors, loaded.step_s)]
+            absent = len(rows) - len(known)
+            scores = {row[0]: row[1:] for row in scores_of(known, seen, vectors, loaded)}
+            made = VideoScores(made_of, scores, model=name, pairs=_digests(known), absent=absent)
         except (UndecodableVideo, FileNotFoundError) as error:
             made = VideoScores(made_of, {}, str(error) or "the file is gone")
-        if version_of(film) == version:
-            write_bytes(place, msgspec.json.encode(made))
+        if not film or version_of(film) == version:
+            if not absent:  # else a film that comes later brings the others
+                write_bytes(place, msgspec.json.encode(made))
+            return made
+        forget_film(at, video_id)
+
+
+def _seen(
+    root: Path, video_id: str, name: str, model: ClipModel, film: Path | None, rows: Sequence[Row]
+) -> tuple[SeenFilm, Vectors]:
+    """What is stored of a film, with what these pairs need besides: of the film's frames, where it
+    is there, and of the texts.
+    """
+    seen, vectors = seen_film(root, video_id), vectors_of(root, video_id, name)
+    digest = film_digest(film) if film is not None else None
+    if seen is not None and digest not in (None, seen.film):
+        seen = None  # another file of the same video
+    current = seen.film if seen is not None else digest
+    if vectors.film != current:
+        vectors = Vectors(str(current), {}, vectors.texts)
+    lacking = {tick for row in rows for tick in _lacking(row, seen, vectors, model.step_s)}
+    if film is not None and (seen is None or lacking):
+        watched = watch_film(film, sorted(lacking), model)
+        vectors.frames |= dict(zip(watched.ticks.tolist(), watched.vectors, strict=True))
+        if seen is None:
+            seen = keep_film(root, video_id, str(digest), watched)
+    if texts := vectors.without([row["text"] for row in rows]):
+        embedded = model.texts(texts).astype(np.float16)
+        vectors.texts |= dict(zip(map(text_key, texts), embedded, strict=True))
+    if lacking or texts:
+        keep_vectors(root, video_id, name, vectors)
+    if seen is None:
+        raise FileNotFoundError
+    return seen, vectors
+
+
+def _lacking(row: Row, seen: SeenFilm | None, vectors: Vectors, step: float) -> list[int]:
+    """The places of the film that a pair needs and no vector is stored of."""
+    end_s = seen.end_s if seen is not None else np.inf
+    ticks = needed_ticks(row, step).tolist()
+    return [tick for tick in ticks if tick not in vectors.frames and (tick + 0.5) * step < end_s]
 
 
 def _digests(rows: Sequence[Row]) -> dict[str, str]:
@@ -282,6 +272,8 @@ def put_back(run: Run) -> None:
     Opens no film. Raises WriterLocked, DamagedData, DiskFull.
     """
     at = Layout(run.root)
+    with writer(run.root, "pairs"):
+        write_figures(run)
     measured = measures.read_measures(at.pairs).get(SECTION, {"models": []})
     if not measured["models"]:
         return

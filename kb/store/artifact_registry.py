@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from kb.core.sources import PUBLISHED, SOURCES, made_of
+from kb.core.sources import PUBLISHED, SELECTIONS, SOURCES, made_of, selection_of
 from kb.schema.tables import tables
 from kb.store.layout import Layout
 
@@ -101,6 +101,8 @@ class Artifact:
             return "remove its folder, then run `kb restore` with the release's folder again"
         if self.name == "labels":
             return "restore it from a copy, or remove it and give `kb label import` every export"
+        if self.name.endswith("films"):
+            return f"remove it, then run `{self.command}` with the films again"
         if self.name.startswith("annotations/"):
             return f"remove it, then run `{self.command}`, which scores its texts again"
         command = self.command_again
@@ -113,9 +115,13 @@ def _declared() -> Iterator[Artifact]:
     for source in SOURCES:
         yield _clean(source)
     for name in PUBLISHED:
+        if name in SELECTIONS:
+            continue
         if name not in SOURCES and not PUBLISHED[name].part_of:
             yield _made(name)
         yield _released(name)
+    for name in SELECTIONS:
+        yield _selected(name)
     for source in SOURCES:
         yield Artifact(
             f"index/{source}",
@@ -173,9 +179,12 @@ def _kept() -> Iterator[Artifact]:
         filter_, scores = f"kb {source} filter", ("shared/annotations",)
         yield Artifact(f"annotations/{source}", (), filter_, source, scores)
         yield Artifact(f"restored/{source}", (), "kb restore", "restored")
+    yield Artifact("annotations/films", (), "kb pairs score", "pairs")
+    yield Artifact("films", (), "kb pairs score", "pairs", ("films/shots", "films/film_figures"))
     yield Artifact("labels", (), "kb label import", "labels", ("labels/labels",))
     yield Artifact("restored", (), "kb restore", "restored")  # its lists of missing ids
     yield Artifact("restored/pairs", (), "kb restore", "restored", ("pairs/pairs",))
+    yield Artifact("restored/draw", (), "kb restore", "restored", ("draw/draw",))
     reconstruct = ("raw/reddit",), "kb reddit reconstruct", "reconstructed"
     yield Artifact("export/reconstructed", *reconstruct, public=True)
 
@@ -233,6 +242,19 @@ def _released(name: str) -> Artifact:
     )
 
 
+def _selected(name: str) -> Artifact:
+    """What a command has selected stays as it is until the command selects again."""
+    own = tuple(one.name for one in tables().values() if one.source == name)
+    return Artifact(
+        f"release/{name}",
+        (f"release/{PUBLISHED[name].selected_from}",),
+        f"kb {PUBLISHED[name].selected_from} {name} N --release",
+        f"release-{name}",
+        own,
+        public=True,
+    )
+
+
 def _own_name(name: str) -> tuple[str, ...]:
     """What a function of a source's recipe, which may be the same for all, is called with."""
     return (name,) if name in SOURCES else ()
@@ -249,7 +271,30 @@ def _released_inputs(name: str) -> tuple[str, ...]:
     return (f"clean/{of}" if of in SOURCES else name,)
 
 
-ARTIFACTS: dict[str, Artifact] = {artifact.name: artifact for artifact in _declared()}
+class _Artifacts(dict[str, Artifact]):
+    """By name; a selection with a name of its own is declared as the one without."""
+
+    def __missing__(self, name: str) -> Artifact:
+        kind, _, rest = name.partition("/")
+        if kind != RELEASE or not (selection := selection_of(rest)):
+            raise KeyError(name)
+        return replace(self[f"{RELEASE}/{selection}"], name=name)
+
+    def __contains__(self, name: object) -> bool:
+        named = isinstance(name, str) and name.startswith(f"{RELEASE}/")
+        return super().__contains__(name) or (named and bool(selection_of(str(name)[8:])))
+
+
+ARTIFACTS: dict[str, Artifact] = _Artifacts({one.name: one for one in _declared()})
+
+
+def selections(root: Path) -> list[str]:
+    """The selections that were released here, by the names of their folders."""
+    top = Layout(root).release()
+    places = (
+        place for name in SELECTIONS for place in (top / name, *sorted(top.glob(f"{name}-*")))
+    )
+    return [place.name for place in places if place.is_dir()]
 
 
 def exports_in(layout: str, name: str, options: Mapping[str, Any]) -> list[str]:
@@ -286,6 +331,6 @@ def of_table(name: str) -> Artifact:
     "youtube/rejected").
     """
     source = name.partition("/")[0]
-    if source in PUBLISHED and PUBLISHED[source].part_of:
+    if source in PUBLISHED and (PUBLISHED[source].part_of or source in SELECTIONS):
         return ARTIFACTS[f"release/{source}"]
     return ARTIFACTS[f"clean/{source}" if source in SOURCES else source]

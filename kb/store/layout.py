@@ -4,8 +4,10 @@ raw/<source>/<kind>/       answers as they came; the tombstones lie beside the k
 raw/wiki/                  also pages/ (captures) and images/ (original files)
 state/                     <source>.sqlite, locks, and what a data root remembers
 annotations/<source>/      scores of texts
+annotations/films/         shots of the user's films, and vectors of them and of texts
 clean/<source>/<table>/    rows that were kept; rejected, failed and pending beside them
 pairs/                     video-text pairs
+films/                     shots of the user's films, and what they say of pairs
 tasks/                     what videos do by their titles, as prompts
 labels/                    what people answered about pairs and tasks
 links/                     entities and where each source speaks of them
@@ -27,6 +29,7 @@ TOP = (
     "annotations",
     "clean",
     "pairs",
+    "films",
     "tasks",
     "labels",
     "links",
@@ -45,9 +48,10 @@ CAPTURED = next(name for name, source in SOURCES.items() if source.files)
 """The source with captured files beside its raw answers."""
 
 _PAIRS = ("pairs/pairs", "pairs/quality", "pairs/scores")
+_FILMS = ("films/shots", "films/film_figures")
 _TASKS = ("tasks/tasks", "tasks/titles")
 _LINKS = ("links/entities", "links/links")
-_SHARING = (*_PAIRS, *_TASKS, *_LINKS)  # tables with another one in their folder
+_SHARING = (*_PAIRS, *_FILMS, *_TASKS, *_LINKS)  # tables with another one in their folder
 
 
 def parquet_files(folder: Path, pattern: str = "*.parquet") -> list[Path]:
@@ -182,6 +186,11 @@ class Layout:
     @property
     def pairs(self) -> Path:
         return self.root / "pairs"
+
+    @property
+    def films(self) -> Path:
+        """What was seen of the user's films, a folder for each video."""
+        return self.annotations("films")
 
     @property
     def scoring(self) -> Path:

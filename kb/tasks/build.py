@@ -39,7 +39,7 @@ from kb.store.layout import Layout
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 from kb.store.tables.shard_writer import sorted_shards, write_table
-from kb.tasks.titles import DUPLICATE, JUDGED, TitleMiner
+from kb.tasks.titles import DUPLICATE, JUDGED, UNLISTED, TitleMiner
 
 Times = tuple[float, float]
 """Start and end of a task in its video, in seconds."""
@@ -52,9 +52,8 @@ _FEWEST = 2  # chapters of a list; a single time is a remark
 _GATES = ("is_task", "possible")  # questions whose no rejects
 
 
-def build(run: Run, playlists: Mapping[str, str]) -> Summary:
-    """Make the tasks, unless they are what clean/ and the profile say. `playlists`: by video, the
-    one that it was found in.
+def build(run: Run) -> Summary:
+    """Make the tasks, unless they are what clean/ and the profile say.
 
     The same input gives the same bytes. Raises ProfileError, MissingExtra, FatalError without
     videos, WriterLocked, DamagedData, DiskFull, Interrupted.
@@ -68,11 +67,13 @@ def build(run: Run, playlists: Mapping[str, str]) -> Summary:
             run.progress.say("tasks are up to date")
             return _summary(run.root)
         inputs, settings = manifest.inputs(run.root, "tasks"), freshness.settings(run, "tasks")
-        titles = _mined(run, TitleMiner(rules, topics, names))
+        miner = TitleMiner(rules, topics, names)
+        lists = listings(run.root, miner)
+        titles = _mined(run, miner, lists, only_listed=rules.from_playlists)
         times = _times(run, titles, rules.max_gap_s)
         judged = verdicts(run.root)
         with manifest.replacing(run.root, "tasks", inputs=inputs, settings=settings) as fresh:
-            made = _tables(titles, times, judged, playlists)
+            made = _tables(titles, times, judged, lists)
             for name, rows in made.items():
                 part = fresh.folder / f".{name.partition('/')[2]}.parquet"
                 write_table(part, rows, name, sync=False)
@@ -85,6 +86,7 @@ def build(run: Run, playlists: Mapping[str, str]) -> Summary:
                 "titles": len(titles),
                 "tasks": tasks.num_rows,
                 **{source: starts[source] for source in _SOURCES},
+                "from_playlists": tasks.num_rows - tasks["playlist_id"].null_count,
                 "judged": sum(tasks["judged"].to_pylist()),
                 "reworded": sum(one != mined for one, mined in zip(*prompts, strict=True)),
                 "rejected": dict(sorted(Counter(others["rejected_reason"].to_pylist()).items())),
@@ -98,6 +100,36 @@ def require_videos(run: Run) -> None:
         raise FatalError(
             f"there are no videos in clean/{_VIDEOS}", hint=f"run `kb {_VIDEOS} filter` first"
         )
+
+
+class Listing(NamedTuple):
+    """The playlist of a video: of several that lists it the first by id, those before that a phrase
+    of the profile found. `teaches`: the title of one of them says that it is of tutorials.
+    """
+
+    playlist_id: str
+    position: int
+    teaches: bool
+
+
+def listings(root: Path, miner: TitleMiner) -> dict[str, Listing]:
+    """By video. Raises DamagedData."""
+    files = [manifest.rows(root, f"{_VIDEOS}/{name}") for name in ("playlists", "playlist_videos")]
+    if not all(files):
+        return {}
+    parquet.verify_files(*files[0], *files[1])
+    with database.over([*files[0], *files[1]], root) as con:
+        rows = con.execute(
+            f"""SELECT video_id, playlist_id, position, title FROM {scan(files[0])} AS lists
+            JOIN {scan(files[1])} AS entries USING (playlist_id)
+            ORDER BY video_id, keyword IS NULL, playlist_id"""
+        ).fetchall()
+    found: dict[str, Listing] = {}
+    for video, playlist, position, title in rows:
+        first = found.setdefault(video, Listing(playlist, position, teaches=False))
+        if miner.teaches(title or ""):
+            found[video] = first._replace(teaches=True)
+    return found
 
 
 class _Title(msgspec.Struct):
@@ -116,8 +148,11 @@ class _Title(msgspec.Struct):
         return hashlib.sha256(f"{self.video_id}\n{self.prompt}".encode()).hexdigest()[:16]
 
 
-def _mined(run: Run, miner: TitleMiner) -> list[_Title]:
+def _mined(
+    run: Run, miner: TitleMiner, lists: Mapping[str, Listing], *, only_listed: bool
+) -> list[_Title]:
     """Every title, sorted by video. Of videos with the same prompt the first published one has it.
+    With `only_listed` a video that no playlist lists gives none.
 
     Python reads one title after another: a title is a line, and its words are cut and compared.
     """
@@ -132,8 +167,11 @@ def _mined(run: Run, miner: TitleMiner) -> list[_Title]:
                     rows = batch.to_pydict()
                     rows["published_at"] = pc.cast(batch["published_at"], pa.string()).to_pylist()
                     cells = zip(*(rows[name] for name in columns), strict=True)
-                    titles += [_title(miner, *row) for row in cells]
+                    titles += [_title(miner, lists.get(str(row[0])), *row) for row in cells]
             task.advance()
+    for one in titles if only_listed else ():
+        if one.video_id not in lists:
+            one.reasons = (UNLISTED, *one.reasons)
     titles.sort(key=lambda one: (one.published, one.video_id))
     taken: set[str] = set()
     for one in titles:
@@ -146,13 +184,14 @@ def _mined(run: Run, miner: TitleMiner) -> list[_Title]:
 
 def _title(
     miner: TitleMiner,
+    listing: Listing | None,
     video_id: str,
     title: str | None,
     description: str | None,
     length_s: float | None,
     published: str | None,
 ) -> _Title:
-    mined = miner.mine(title or "")
+    mined = miner.mine(title or "", taught=listing is not None and listing.teaches)
     chapter = None
     if not mined.reasons:
         chapter = by_chapter(chapters(description or "", length_s), mined.object, length_s)
@@ -189,12 +228,12 @@ def _tables(
     titles: list[_Title],
     times: dict[str, Times],
     judged: Mapping[str, Verdict],
-    playlists: Mapping[str, str],
+    lists: Mapping[str, Listing],
 ) -> dict[str, pa.Table]:
     """Rows of tasks and titles, after what people said of them."""
     rows: dict[str, list[dict[str, Any]]] = {"tasks/tasks": [], "tasks/titles": []}
     for one in titles:
-        at = one.chapter or times.get(one.video_id)
+        at, listing = one.chapter or times.get(one.video_id), lists.get(one.video_id)
         source = "none" if at is None else "chapter" if one.chapter else "transcript"
         mined = start, end = at or (None, None)
         verdict, prompt, reasons = judged.get(one.video_id), one.prompt, one.reasons
@@ -209,7 +248,8 @@ def _tables(
                 "task_id": one.task_id,
                 "prompt": prompt or None,
                 "video_id": one.video_id,
-                "playlist_id": playlists.get(one.video_id),
+                "playlist_id": listing and listing.playlist_id,
+                "playlist_position": listing and listing.position,
                 "start_s": start,
                 "end_s": end,
                 "start_source": source,
@@ -232,7 +272,10 @@ def _summary(root: Path) -> Summary:
     starts = {name: figures[name] for name in _SOURCES}
     return Summary(
         {"command": "tasks", "source": "tasks"},
-        **{name: figures[name] for name in ("tasks", "titles", "judged", "reworded")},
+        **{
+            name: figures[name]
+            for name in ("tasks", "titles", "from_playlists", "judged", "reworded")
+        },
         starts=starts,
         rejected_by=figures["rejected"],
         path=str(Layout(root).tasks),

@@ -2,7 +2,8 @@
 
 A title is cut into parts at punctuation, and channel talk is removed. The first part that begins
 with a verb of the profile, after an optional lead-in ("how to"), gives the prompt. Else a part that
-ends with a thing of the profile does, with the thing's verb, if the title shows that it is made:
+ends with a thing of the profile does, with the thing's verb, if the title, or that of a playlist
+with the video, shows that it is made:
 
     "🔥 How to Build an EASY Iron Farm in Minecraft! (Tutorial) #12"  →  "build an easy iron farm"
     "Villager trading hall guide"                                  →  "build villager trading hall"
@@ -19,7 +20,7 @@ from kb.core.config.profile.products import Tasks
 from kb.pairs.keyword_list import singular
 
 NO_VERB, NO_OBJECT, TOO_LONG = "no_verb", "no_object", "too_long"
-NOT_A_TASK, DUPLICATE, JUDGED = "not_a_task", "duplicate", "judged"
+NOT_A_TASK, DUPLICATE, JUDGED, UNLISTED = "not_a_task", "duplicate", "judged", "no_playlist"
 _NEAREST = (NOT_A_TASK, TOO_LONG, NO_OBJECT, NO_VERB)  # the decisive one of several reasons first
 
 # Emoji and other symbols, what changes their form, and control characters.
@@ -69,9 +70,15 @@ class TitleMiner:
         self._nouns, self._endings = set(rules.nouns), set(rules.endings)
         self._named = {words[0] for one in names if (words := _words(one))}
 
-    def mine(self, title: str) -> MinedTitle:
-        """The task that a title names, or why it names none."""
-        shown = bool(self._shown.search(unicodedata.normalize("NFKC", title).lower()))
+    def teaches(self, title: str) -> bool:
+        """Whether a title says that something is shown how it is made."""
+        return bool(self._shown.search(unicodedata.normalize("NFKC", title).lower()))
+
+    def mine(self, title: str, *, taught: bool = False) -> MinedTitle:
+        """The task that a title names, or why it names none. `taught`: that it shows how a thing is
+        made is known.
+        """
+        shown = taught or self.teaches(title)
         rejected, made = [], []
         for part in _PARTS.split(_plain(title)):
             words = _words(self._talk.sub(" ", _NUMBERING.sub("", part)))

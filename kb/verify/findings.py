@@ -17,6 +17,7 @@ KINDS = (
     "annotations",
     "clean",
     "pairs",
+    "films",
     "tasks",
     "labels",
     "links",

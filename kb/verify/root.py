@@ -22,7 +22,7 @@ from kb.core.progress import Progress
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.schema.tables import table
 from kb.store import leftovers, lock
-from kb.store.artifact_registry import ARTIFACTS, SUMS, artifact_of
+from kb.store.artifact_registry import ARTIFACTS, SUMS, artifact_of, selections
 from kb.store.damage import DOWNLOAD, remedy
 from kb.store.layout import VERDICTS, Layout, parquet_files
 from kb.store.state import tombstones
@@ -193,12 +193,16 @@ def compare(findings: Findings, root: Path) -> None:
         partial(_missing_files, findings, root),
         partial(_missing_tombstones, findings, root),
         *(partial(_two_answers, findings, root, source) for source in SOURCES),
-        *(partial(_release, findings, root, source) for source in PUBLISHED),
+        *(
+            partial(_release, findings, root, name)
+            for name in dict.fromkeys([*PUBLISHED, *selections(root)])
+        ),
     ]
     for step in steps:
         findings.retrying(step)
     for other in sorted(Layout(root).release().glob("*/")):
-        if other.name not in {*PUBLISHED, *_PLAIN} and not leftovers.is_left((other.name,)):
+        known = {*PUBLISHED, *_PLAIN, *selections(root)}
+        if other.name not in known and not leftovers.is_left((other.name,)):
             findings.foreign("release", other, "no export has written it", "move it away")
 
 

@@ -17,13 +17,17 @@ from kb.core.summary.plan import plan as make_plan
 from kb.crawl.share import Part, share
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
+from kb.store.state.frontier import Frontier
 from kb.store.tables import reading
 from kb.youtube.crawl.fetch import PACK
-from kb.youtube.crawl.ids import RULES
+from kb.youtube.crawl.ids import RULES, sorted_by_form
+from kb.youtube.crawl.phases import words_of
 from kb.youtube.crawl.quota import GENERAL, SEARCH, quota
 from kb.youtube.crawl.reduce import (
     CHANNELS,
     PAYLOADS,
+    PLAYLIST_SEARCHES,
+    PLAYLISTS,
     RAW_LIST,
     RAW_SEARCH,
     RAW_TRANSCRIPTS,
@@ -37,7 +41,9 @@ from kb.youtube.section import YouTubeSection
 
 # Used only where this data root has nothing to measure.
 CHANNELS_A_PAGE = 25  # results without duplicates
+PLAYLISTS_A_PAGE = 40
 VIDEOS_A_CHANNEL = 200
+VIDEOS_A_PLAYLIST = 30  # most of which a channel's uploads list as well
 WORTH_A_TRANSCRIPT = 0.6  # of videos, pass category, views, aspect ratio, duration, age
 BYTES = {
     RAW_SEARCH: 6_000,
@@ -58,10 +64,10 @@ def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
     elif run.again and state["kinds"] and not state["open"]:
         left, assumed = _next_round(profile, state["kinds"]), [NOTHING_NEW]
     else:
-        left = _left(profile, state, known)
+        left = _left(state, known)
     calls = {
-        "search": left["searches"],
-        "playlist_items": left["pages"],
+        "search": left["searches"] + left["playlist_searches"],
+        "playlist_items": left["pages"] + left["playlist_pages"],
         "videos": math.ceil(left["videos"] / PACK),
     }
     general = calls["playlist_items"] + calls["videos"]
@@ -75,10 +81,14 @@ def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
     }
     gb = {kind: n * sizes[kind] / 1e9 for kind, n in answers.items()}
     asked = left["transcripts"] * REQUESTS_A_TRANSCRIPT
-    lists, packs = calls["playlist_items"], calls["videos"]
+    lists, of_playlists, packs = left["pages"], left["playlist_pages"], calls["videos"]
+    a_page = sizes[RAW_LIST] / 1e9
     phases = [
         PlanPhase("searches", calls["search"], calls["search"], gb=gb[RAW_SEARCH]),
-        PlanPhase("channels", left["channels"], lists, lists, gb=gb[RAW_LIST]),
+        PlanPhase("channels", left["channels"], lists, lists, gb=lists * a_page),
+        PlanPhase(
+            "playlists", left["playlists"], of_playlists, of_playlists, gb=of_playlists * a_page
+        ),
         PlanPhase("videos", left["videos"], packs, packs, gb=gb[RAW_VIDEOS]),
         PlanPhase("transcripts", left["transcripts"], asked, 0, hours, gb[RAW_TRANSCRIPTS]),
     ]
@@ -92,6 +102,7 @@ def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
             phases,
             assumed,
             channels=left["channels"],
+            playlists=left["playlists"],
             videos=left["videos"],
             transcripts=left["transcripts"],
             searches=calls["search"],
@@ -128,28 +139,36 @@ def _hours(run: Run, transcripts: int) -> float:
 
 def _state(run: Run) -> dict[str, Any]:
     """Counts of the frontier, as far as there is one."""
-    path = Layout(run.root).state("youtube")
+    path, section = Layout(run.root).state("youtube"), run.profile.section(YouTubeSection)
     empty: dict[str, Any] = {
         "kinds": {},
         "spent": {SEARCH: 0, GENERAL: 0},
-        "open_searches": None,
+        "searches": {
+            kind: len(words) * section.search_pages for kind, words in words_of(section).items()
+        },
         "open": False,
     }
     if not path.is_file():
         return empty
-    section = run.profile.section(YouTubeSection)
     with reading.state(path, PAYLOADS) as frontier:
         return {
             "kinds": frontier.kinds(),
-            "open": any(frontier.ready(kind) for kind in (SEARCHES, UPLOADS, VIDEOS)),
+            "open": any(
+                frontier.ready(kind)
+                for kind in (SEARCHES, PLAYLIST_SEARCHES, UPLOADS, PLAYLISTS, VIDEOS)
+            ),
             "spent": {name: quota(section, name).used(frontier) for name in (SEARCH, GENERAL)},
-            "open_searches": [
-                payload.page
-                for *_, payload in frontier.items(SEARCHES, "todo", "in_progress", "error")
-                if payload
-            ],
-            "keywords": {payload.q for *_, payload in frontier.items(SEARCHES) if payload},
+            "searches": {kind: _searches(section, frontier, kind) for kind in words_of(section)},
         }
+
+
+def _searches(section: YouTubeSection, frontier: Frontier, kind: str) -> int:
+    """How many pages of results are left at most."""
+    most, words = section.search_pages, set(words_of(section)[kind])
+    unread = frontier.items(kind, "todo", "in_progress", "error")
+    known = {payload.q for *_, payload in frontier.items(kind) if payload}
+    left = sum(max(0, most - payload.page + 1) for *_, payload in unread if payload)
+    return left + len(words - known) * most
 
 
 def _measured(state: dict[str, Any]) -> tuple[dict[str, float], list[str]]:
@@ -162,6 +181,12 @@ def _measured(state: dict[str, Any]) -> tuple[dict[str, float], list[str]]:
     rates, assumed = {}, []
     for name, top, bottom, otherwise in (
         ("channels_a_page", count(CHANNELS), count(SEARCHES, "done"), CHANNELS_A_PAGE),
+        (
+            "playlists_a_page",
+            count(PLAYLISTS),
+            count(PLAYLIST_SEARCHES, "done"),
+            PLAYLISTS_A_PAGE,
+        ),
         ("videos_a_channel", count(VIDEOS), count(UPLOADS, "done", "skipped"), VIDEOS_A_CHANNEL),
         ("worth_a_transcript", count(TRANSCRIPTS), count(VIDEOS, "done"), WORTH_A_TRANSCRIPT),
     ):
@@ -176,34 +201,37 @@ def _next_round(profile: YouTubeSection, kinds: dict[str, dict[str, int]]) -> di
     page of each list.
     """
     lists = sum(kinds.get(UPLOADS, {}).values())
-    searches = min(
-        sum(kinds.get(SEARCHES, {}).values()), len(profile.keywords) * profile.search_pages
-    )
+    searches = {
+        kind: min(sum(kinds.get(kind, {}).values()), len(words) * profile.search_pages)
+        for kind, words in words_of(profile).items()
+    }
+    playlists = sum(kinds.get(PLAYLISTS, {}).values())
     return {
-        "searches": searches,
+        "searches": searches[SEARCHES],
+        "playlist_searches": searches[PLAYLIST_SEARCHES],
         "channels": lists,
         "pages": lists,
+        "playlists": playlists,
+        "playlist_pages": math.ceil(playlists * max(1, VIDEOS_A_PLAYLIST / PACK)),
         "videos": 0,
         "transcripts": to_read(kinds, TRANSCRIPTS),
     }
 
 
-def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[str, int]:
-    kinds, pages = state["kinds"], profile.search_pages
-    if state["open_searches"] is None:
-        searches = len(profile.keywords) * pages
-    else:
-        new_words = len(set(profile.keywords) - state["keywords"])
-        searches = (
-            sum(max(0, pages - page + 1) for page in state["open_searches"]) + new_words * pages
-        )
+def _left(state: dict[str, Any], rates: dict[str, float]) -> dict[str, int]:
+    kinds = state["kinds"]
+    searches, for_playlists = state["searches"][SEARCHES], state["searches"][PLAYLIST_SEARCHES]
+    playlists = to_read(kinds, PLAYLISTS) + round(for_playlists * rates["playlists_a_page"])
     channels = to_read(kinds, UPLOADS) + round(searches * rates["channels_a_page"])
     unlisted = round(channels * rates["videos_a_channel"])
     videos = to_read(kinds, VIDEOS) + unlisted
     return {
         "searches": searches,
+        "playlist_searches": for_playlists,
         "channels": channels,
         "pages": max(channels, math.ceil(unlisted / PACK)),
+        "playlists": playlists,
+        "playlist_pages": max(playlists, math.ceil(playlists * VIDEOS_A_PLAYLIST / PACK)),
         "videos": videos,
         "transcripts": to_read(kinds, TRANSCRIPTS) + round(videos * rates["worth_a_transcript"]),
     }
@@ -212,20 +240,26 @@ def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[
 def _left_of_ids(run: Run, ids: Path, part: Part, state: dict[str, Any]) -> dict[str, int]:
     """A known list: no searches and no lists."""
     mine = share(part)
-    wanted = {key for key in RULES.some_ids_in(ids, run.progress.say).keys if mine(key)}
+    asked = RULES.some_ids_in(ids, run.progress.say).keys
+    wanted, lists = map(set, sorted_by_form(filter(mine, asked)))
     rates, _ = _measured(state)
     path = Layout(run.root).state("youtube")
     pending = 0
     if path.is_file():
         with reading.state(path) as frontier:
             wanted -= {key for key, *_ in frontier.items(VIDEOS, "done")}
+            lists -= {key for key, *_ in frontier.items(PLAYLISTS, "done")}
             pending = frontier.counts(TRANSCRIPTS).get("todo", 0)
+    videos = len(wanted) + len(lists) * VIDEOS_A_PLAYLIST
     return {
         "searches": 0,
+        "playlist_searches": 0,
         "channels": 0,
         "pages": 0,
-        "videos": len(wanted),
-        "transcripts": pending + round(len(wanted) * rates["worth_a_transcript"]),
+        "playlists": len(lists),
+        "playlist_pages": len(lists) + math.ceil(len(lists) / PACK),
+        "videos": videos,
+        "transcripts": pending + round(videos * rates["worth_a_transcript"]),
     }
 
 

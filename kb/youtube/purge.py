@@ -1,5 +1,5 @@
-"""What a purge has to know about YouTube: videos that vanished leave everything, and for
-`--channels` all videos of channels that ask to be left out.
+"""What a purge has to know about YouTube: videos and playlists that vanished leave everything, and
+for `--channels` all videos and playlists of channels that ask to be left out.
 """
 
 from __future__ import annotations
@@ -12,11 +12,15 @@ from kb.artifacts.purge import Purge, PurgeRules, by_presence, with_named
 from kb.artifacts.purge_people import PeopleRules, Theirs, in_rows
 from kb.artifacts.purge_raw import over_segments
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
+from kb.store.atomic import remove_path
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog
 from kb.youtube.crawl.ids import RULES as IDS
 from kb.youtube.crawl.reduce import (
     CHANNELS,
+    PLAYLIST_FACTS,
+    PLAYLISTS,
+    RAW_FACTS,
     RAW_VIDEOS,
     REFRESH,
     SECOND_TRACKS,
@@ -93,18 +97,19 @@ PEOPLE = PeopleRules(
 
 
 def find(purge: Purge) -> dict[str, str]:
-    """What the user named, and videos that the API no longer returns ("vanished")."""
-    read = newest(purge.root, RAW_VIDEOS)
+    """What the user named, and videos and playlists that the API no longer returns ("vanished")."""
+    read = newest(purge.root, RAW_VIDEOS) | newest(purge.root, RAW_FACTS)
     vanished = dict.fromkeys((key for key, last in read.items() if not last.there), "vanished")
     return with_named(by_presence(purge), vanished)
 
 
 def forget(purge: Purge) -> None:
-    """Forget channels that are left out, and how well clips of removed videos fit."""
+    """Forget channels that are left out, and what was seen of films of removed videos."""
     for kind in (CHANNELS, UPLOADS):
         purge.frontier.remove(kind, purge.names.get(CHANNEL, ()))
     for key in purge.keys:
         (Layout(purge.root).scoring / f"{key}.json").unlink(missing_ok=True)
+        remove_path(Layout(purge.root).films / key)
 
 
 RULES = PurgeRules(
@@ -115,7 +120,11 @@ RULES = PurgeRules(
         location_of("pairs/pairs", "video_id"),
         location_of("pairs/quality", "video_id"),
         location_of("pairs/scores", "video_id"),
+        *(location_of(f"films/{name}", "video_id") for name in ("shots", "film_figures")),
         *(location_of(f"tasks/{name}", "video_id") for name in ("tasks", "titles")),
+        location_of("youtube/playlists", "playlist_id"),
+        location_of("youtube/playlist_videos", "playlist_id"),
+        location_of("youtube/playlist_videos", "video_id"),
         location_of("open-text/open_text", "video_id"),
         location_of("labels/labels", "video_id"),
         *shared_locations("youtube"),
@@ -125,8 +134,12 @@ RULES = PurgeRules(
         ),
         RowLocation(str(BELOW.restored("youtube")), "shared/missing", "key"),
         RowLocation(str(BELOW.restored("pairs")), "pairs/pairs", "video_id"),
+        RowLocation(str(BELOW.restored("draw")), "draw/draw", "video_id"),
     ),
-    items=(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS),
+    items=(
+        *(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS),
+        *(PLAYLISTS, PLAYLIST_FACTS),
+    ),
     find=find,
     forget=forget,
     people=PEOPLE,

@@ -44,13 +44,21 @@ class VideoRestore(ItemRestore):
     def keys(self) -> dict[str, str]:
         """Each wanted video, and the kind of transcript it was released with."""
         folders, tables = self.content.chosen, ("videos", "pairs")
-        return _kinds(path for one in folders for short in tables for path in one.shards(short))
+        kinds = _kinds(path for one in folders for short in tables for path in one.shards(short))
+        for path in (
+            path for one in self.content.folders_of("draw") for path in one.shards("draw")
+        ):
+            with reading([path]):
+                ids = parquet.read_table(path, columns=["video_id"])["video_id"].to_pylist()
+            for key in cast("list[str]", ids):
+                kinds.setdefault(key, "asr")  # a pair has a transcript, of one kind or the other
+        return kinds
 
     @cached_property
     def removed(self) -> set[str]:
         """Videos that the releases, of pairs too, or this data root list as removed."""
         own = tombstones.keys(self.run.root, "youtube")
-        return self.content.removed("youtube", "pairs") | own
+        return self.content.removed("youtube", "pairs", "draw") | own
 
     def plan(self) -> PlanPart:
         """As `RestoreJob.plan`."""

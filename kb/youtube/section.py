@@ -43,10 +43,17 @@ class YouTubeSection(SourceSection):
             "Searches that find channels: the domain's name, alone and with Guide …",
             ["{title}"],
         ),
+        "playlist_keywords": (
+            "Searches that find playlists, such as tutorials.",
+            ["{title} Tutorial", "{title} Guide"],
+        ),
         "category_ids": (f"YouTube categories of the domain: {_NAMED_CATEGORIES}.", [FILL_IN]),
     }
 
     keywords: Phrases = Field(min_length=1, description="searches that find channels")
+    playlist_keywords: Phrases = Field(
+        (), description="searches that find playlists, whose videos are read as those of channels"
+    )
     topic_keywords: Phrases = Field(
         (),
         description="whole words that indicate the topic without a label; default: keywords",
@@ -66,7 +73,8 @@ class YouTubeSection(SourceSection):
         10,
         ge=1,
         le=10,
-        description="result pages of 50 channels per keyword; the API returns about 500 at most",
+        description="result pages of 50 channels or playlists per keyword; the API returns about"
+        " 500 at most",
     )
     uploads: Literal["all", "no_shorts"] = Field(
         "all", description="list every upload, or skip Shorts"
@@ -121,6 +129,7 @@ class YouTubeSection(SourceSection):
 
     def remarks(self) -> Iterator[Remark]:
         yield from repeated_remarks("youtube.keywords", self.keywords)
+        yield from repeated_remarks("youtube.playlist_keywords", self.playlist_keywords)
         yield from repeated_remarks("youtube.topic_keywords", self.topic_keywords)
         key = "youtube.topic_keywords" if self.topic_keywords else "youtube.keywords"
         for word in filter(is_everyday, dict.fromkeys(self.words)):

@@ -43,10 +43,12 @@ def add_everything(job: Job, machine: int) -> None:
     _wiki(root, machine)
     videos = [row["video_id"] for row in job.rows("FROM clean.youtube_videos ORDER BY video_id")]
     old, new = (datetime(2026, 11, day, tzinfo=UTC) for day in (1, machine + 2))
-    replace_answers(
-        root, [_answer("pair", "both", videos[0], 1, "yes" if machine == 1 else "no", new)]
-    )
-    replace_answers(root, [_answer("pair", f"own{machine}", videos[0], machine, "yes", old)])
+    for item, who, what, at in (
+        ("both", 1, "yes" if machine == 1 else "no", new),
+        (f"own{machine}", machine, "yes", old),
+    ):
+        answer = _answer("pair", item, videos[0], who, what, at)
+        replace_answers(root, "pair", item, who, [answer])
     segment = rawlog.segments(root, "youtube", "videos")[0]
     segment.with_name(f"{segment.name}.damaged-77").write_bytes(b"damaged")
     image = next(Layout(root).images.glob("*.png"))

@@ -30,11 +30,13 @@ from kb.core.installation import folder
 from kb.pairs.clip_tokens import token_ids
 from kb.sandbox.domain import usual
 from kb.sandbox.youtube.films import Picture, timeline, write_film
-from kb.score.build import Row, area, scores_of
+from kb.score.build import area
 from kb.score.models import BATCH, ClipModel
+from kb.score.pair_scores import Row
 from tests.bench.bench_clips import write_moving_film
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
+from tests.score.seen import scored
 from tests.youtube.ytdlp import folder as ytdlp
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
@@ -340,7 +342,7 @@ def test_a_film_costs_little_more_than_decoding_and_the_model(
     texts = [row["text"] for row in rows]
     ours, bare = np.full((2, 2), np.inf)
     for _ in range(2):
-        ours = np.minimum(ours, _cost(lambda: list(scores_of(film, rows, model))))
+        ours = np.minimum(ours, _cost(lambda: scored(film, rows, model)))
         work = lambda: _bare(film, clip, shape[-1], texts)  # noqa: E731
         bare = np.minimum(bare, _cost(work))
     torch.set_num_threads(threads)
@@ -358,10 +360,10 @@ def test_clips_a_second_of_a_gpu(film: Path, tmp_path: Path, capsys: pytest.Capt
     """ViT-B/16 with random weights; the GPU's own figure of how long it was busy."""
     _clip(16, 768, 12, 224).save_pretrained(tmp_path / "model")
     model, rows = ClipModel(tmp_path / "model", "cuda"), _rows()
-    list(scores_of(film, rows, model))  # to warm up
+    scored(film, rows, model)  # to warm up
     asked = "nvidia-smi --query-gpu=utilization.gpu --format=csv,noheader,nounits -lms 100"
     with subprocess.Popen(asked.split(), stdout=subprocess.PIPE, text=True) as watcher:
-        wall, _ = _cost(lambda: [list(scores_of(film, rows, model)) for _ in "123"])
+        wall, _ = _cost(lambda: [scored(film, rows, model) for _ in "123"])
         watcher.terminate()
         busy = [int(line) for line in watcher.communicate()[0].split() if line.isdigit()]
     with capsys.disabled():

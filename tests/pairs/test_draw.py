@@ -15,7 +15,7 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import UsageError
 from kb.pairs.build import build
-from kb.pairs.draw import SPLIT, Limits, Pool, chosen_rows, draw, sides_of, split_remarks
+from kb.pairs.draw import SPLIT, Asked, Limits, Pool, chosen_rows, draw, sides_of, split_remarks
 from tests.conftest import needs
 from tests.pairs.made import fill
 
@@ -131,7 +131,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, data, make_rows) -> Run:
 
 def test_a_draw_has_rows_videos_and_what_was_drawn(made: Run, tmp_path: Path) -> None:
     out = tmp_path / "draw"
-    summary = draw(made, 60, Limits(per_video=5), "token_count > 20", 3, out)
+    summary = draw(made, Asked(60, Limits(per_video=5), "token_count > 20", 3), out)
     rows = pq.read_table(out / "pairs.parquet")
     assert rows.num_rows == summary["pairs"] == 60
     [(missing,)] = duckdb.sql(
@@ -148,15 +148,15 @@ def test_a_draw_has_rows_videos_and_what_was_drawn(made: Run, tmp_path: Path) ->
     assert ordered[0]["counts"] <= 5
     assert "at most 5 pairs of a video" in (out / "README.md").read_text()
     first = {path.name: path.read_bytes() for path in out.iterdir()}
-    draw(made, 60, Limits(per_video=5), "token_count > 20", 3, out)
+    draw(made, Asked(60, Limits(per_video=5), "token_count > 20", 3), out)
     assert {path.name: path.read_bytes() for path in out.iterdir()} == first
-    other = draw(made, 60, Limits(per_video=5), "", 4, tmp_path / "other")
+    other = draw(made, Asked(60, Limits(per_video=5), "", 4), tmp_path / "other")
     assert other["pairs"] == 60
     assert (tmp_path / "other/pairs.parquet").read_bytes() != first["pairs.parquet"]
 
 
 def test_channels_and_duplicates_stay_together(made: Run, tmp_path: Path) -> None:
-    summary = draw(made, 200, Limits(), "", 0, tmp_path / "draw")
+    summary = draw(made, Asked(200, Limits(), "", 0), tmp_path / "draw")
     rows = duckdb.sql(
         f"""SELECT channel_id, duplicate_video_id, d.video_id, split
         FROM '{tmp_path}/draw/pairs.parquet' AS d
@@ -191,7 +191,7 @@ def test_a_condition_that_cannot_be_met_says_why(
     made: Run, tmp_path: Path, where: str, message: str, hint: str
 ) -> None:
     with pytest.raises(UsageError) as error:
-        draw(made, 5, Limits(), where, 0, tmp_path / "draw")
+        draw(made, Asked(5, Limits(), where, 0), tmp_path / "draw")
     assert message in str(error.value)
     assert hint in error.value.hint
     assert not (tmp_path / "draw").exists()
@@ -208,7 +208,7 @@ def test_what_people_answered_is_a_column(made: Run, tmp_path: Path) -> None:
         pa.table({name: [row[n] for row in rows] for n, name in enumerate(names)}),
         made.root / "labels/labels-00000-of-00001.parquet",
     )
-    draw(made, 1, Limits(), "visible = 'yes'", 0, tmp_path / "draw")
+    draw(made, Asked(1, Limits(), "visible = 'yes'", 0), tmp_path / "draw")
     assert pq.read_table(tmp_path / "draw/pairs.parquet")["pair_id"].to_pylist() == [ids[0]]
 
 
@@ -216,7 +216,7 @@ def test_a_draw_of_one_channel_says_what_it_lacks(made: Run, tmp_path: Path) -> 
     [(first,)] = duckdb.sql(
         f"SELECT video_id FROM '{made.root}/pairs/pairs-*.parquet' LIMIT 1"
     ).fetchall()
-    draw(made, 2, Limits(), f"video_id = '{first}'", 0, tmp_path / "draw")
+    draw(made, Asked(2, Limits(), f"video_id = '{first}'", 0), tmp_path / "draw")
     lacks = "**No pairs for validation and test: a channel"
     assert lacks in (tmp_path / "draw" / "README.md").read_text(encoding="utf-8")
 
@@ -229,4 +229,4 @@ def test_a_misspelled_column_of_a_condition_gets_the_candidates(
     made: Run, tmp_path: Path, where: str, named: str
 ) -> None:
     with pytest.raises(UsageError, match=rf'Candidate bindings: .*"{named}"'):
-        draw(made, 2, Limits(), where, 0, tmp_path / "draw")
+        draw(made, Asked(2, Limits(), where, 0), tmp_path / "draw")

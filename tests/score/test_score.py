@@ -19,15 +19,16 @@ import pytest
 
 from tests.conftest import needs
 
-needs("av", "torch", "transformers")
+needs("av", "cv2", "scenedetect", "torch", "transformers")
 
 import kb  # noqa: E402
 from kb.core.config.profile import load_profile  # noqa: E402
 from kb.core.installation import torch  # noqa: E402
 from kb.sandbox.youtube.films import drawn, timeline, write_film  # noqa: E402
-from kb.score.build import area, scores_of, section  # noqa: E402
+from kb.score.build import area, section  # noqa: E402
 from kb.score.models import model_name  # noqa: E402
 from tests.inprocess import Here  # noqa: E402
+from tests.score.seen import scored  # noqa: E402
 from tests.youtube.ytdlp import folder as ytdlp  # noqa: E402
 
 WORDS = "and you to about it so that than day was up more because not now time once ask"
@@ -74,7 +75,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_similarity_margin_and_offset_are_those_of_the_film(film: Path) -> None:
     rows = [pair("Creeper", 20), pair("Skeleton", 60), pair("Enderman", 86), pair("Creeper", 120)]
-    found = {one.pair_id: one for one in scores_of(film, rows, Colours())}
+    found = {one.pair_id: one for one in scored(film, rows, Colours())}
     assert found.keys() == {"Creeper 20", "Skeleton 60", "Enderman 86"}  # the film has 90 s
     right, late = found["Creeper 20"], found["Skeleton 60"]
     assert (right.best_offset_s, late.best_offset_s) == (0, 6)
@@ -87,7 +88,7 @@ def test_static_share_counts_neighbouring_frames_that_hardly_differ(tmp_path: Pa
     """A picture that changes each second in the first half of the clip, and stays in the second."""
     pictures = [(2 * s, (("Creeper",), ("Skeleton",))[s % 2] if s < 44 else ()) for s in range(60)]
     write_film(tmp_path / "a.mp4", [*pictures, (119, ())])
-    (one,) = scores_of(tmp_path / "a.mp4", [pair("Creeper", 44, 16)], Colours())
+    (one,) = scored(tmp_path / "a.mp4", [pair("Creeper", 44, 16)], Colours())
     assert one.static_share == pytest.approx(7 / 15, abs=0.001)
 
 
@@ -185,6 +186,48 @@ def test_every_pair_is_scored_or_counted(place: Path, here: Here) -> None:
     assert here("purge", "youtube", "--ids", str(place / "ids.txt"), *at).code == 0
     assert scores(place)["video_id"].to_pylist() == ["alpha000002"]
     assert not (place / "data/state/scores/alpha000001.json").exists()
+    assert [path.name for path in (place / "data/annotations/films").iterdir()] == ["alpha000002"]
+    for name in ("shots", "film_figures"):
+        rows = pq.read_table(place / "data" / "films" / f"{name}-00000-of-00001.parquet")
+        assert set(rows["video_id"].to_pylist()) == {"alpha000002"}
+
+
+def test_films_may_go_when_they_were_seen(place: Path, here: Here) -> None:
+    """Scores and figures are computed of what is stored, here and where roots are merged."""
+    at = ("--profile", str(place / "profile.toml"), "--data")
+    scoring = ("pairs", "score", "--model", str(place / "small.pt"), "--workers", "1")
+    data, other = place / "data", shutil.copytree(place / "data", place / "other")
+    made = [f"{name}-00000-of-00001.parquet" for name in ("shots", "film_figures")]
+    films = str(place / "films")
+    for decoded in (2, 0):
+        plan = here(*scoring[:4], "--videos", films, "--plan", "--json", *at, str(data))
+        assert json.loads(plan.out.splitlines()[-1])["films"] == decoded, plan.err
+        assert here(*scoring, "--videos", films, *at, str(data)).code == 0
+    part = ("--part", "1/3", "--videos", films)
+    done = here(*scoring, *part, "--json", *at, str(other))
+    assert json.loads(done.out.splitlines()[-1])["videos"] == 1
+    whole = [(data / "films" / name).read_bytes() for name in made], scores(place)
+    shutil.rmtree(data / "state" / "scores")  # which would spare the computing
+    assert here(*scoring, *at, str(data)).code == 0
+    assert ([(data / "films" / name).read_bytes() for name in made], scores(place)) == whole
+    # What another machine has seen comes by a merge, and only once.
+    for files in (2, 0):
+        done = here("merge", str(data), "--json", *at, str(other))
+        assert done.code == 0, done.err
+        assert json.loads(done.out.splitlines()[-1])["films"] == files
+    assert here(*scoring, *at, str(other)).code == 0
+    table = other / "pairs" / "scores-00000-of-00001.parquet"
+    assert pq.read_table(table) == whole[1]
+    drawn_ = ("pairs", "draw", "3", "--where", "cuts = 0 AND dark_share < 1 AND static_share >= 0")
+    assert here(*drawn_, "--out", str(place / "d"), *at, str(data)).code == 0
+    cutting = ("clips", "--videos", films, "--within-shot", "--out", str(place / "c"))
+    done = here(*cutting, *at, str(data))
+    assert done.code == 0, done.err
+    vectors = next((data / "annotations" / "films").glob("*/small@*.npz"))
+    vectors.write_bytes(vectors.read_bytes()[:-9])
+    shutil.rmtree(data / "state" / "scores")
+    done = here(*scoring, *at, str(data))
+    assert (done.code, vectors.name in done.said) == (1, True)
 
 
 def test_lost_scores_come_back_without_the_films(place: Path, here: Here) -> None:

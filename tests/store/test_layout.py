@@ -107,7 +107,7 @@ def test_every_path_is_below_the_root_and_in_a_known_folder(tmp_path: Path) -> N
         found += [at.clean(source), at.filtering(source), at.summary(source)]
         found += [at.annotations(source), at.release(source), at.identity(source)]
         found += [at.restored(source)]
-    found += [at.index("youtube"), at.table("labels/labels")]
+    found += [at.index("youtube"), at.table("labels/labels"), at.table("films/shots")]
     found += [at.export("minedojo", "pairs.json"), at.reconstructed, at.page, at.deposits]
     assert {path.relative_to(tmp_path).parts[0] for path in found} == set(TOP)
     assert at.table("pairs/pairs") == tmp_path / "pairs"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.installation import folder
+from kb.sandbox.youtube.cases import Playlist
 from kb.store.rawlog import rawlog
 from tests import inprocess, processes
 from tests.cli.conftest import clean_environment
@@ -136,4 +137,12 @@ def plain_units(sandbox: Sandbox) -> int:
     lists = sum(
         max(1, pages(len(channel.entries))) if channel.listed else 1 for channel in world.channels
     )
-    return lists + pages(len(world.videos))
+    playlists = sum(max(1, pages(len(one.entries))) for one in searched_playlists(sandbox))
+    return lists + playlists + pages(len(world.videos))
+
+
+def searched_playlists(sandbox: Sandbox) -> list[Playlist]:
+    """The playlists that the shipped profile's phrases find."""
+    world = sandbox.world.youtube
+    hits = (world.search_playlists(phrase) for phrase in sandbox.world.domain.phrases)
+    return list({one.id: one for several in hits for one in several}.values())

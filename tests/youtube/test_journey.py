@@ -111,7 +111,7 @@ def test_word_counts_and_cues_are_those_that_were_said(whole: Job) -> None:
 def test_units_are_what_was_promised_and_no_more(whole: Job) -> None:
     ledger = whole.sandbox.ledger
     assert ledger.units("general") == plain_units(whole.sandbox)
-    assert ledger.units("search") == 4  # a page for each of the profile's keywords
+    assert ledger.units("search") == 6  # a page for each keyword and phrase of the profile
     assert whole.crawl_summary["units"] == ledger.units("general") + ledger.units("search")
     assert whole.crawl_summary["requests"] == len(ledger)
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from kb.youtube.ytdlp.info import playlists
+from kb.youtube.parse.playlists import playlists
 from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import info, video_id, write_video
@@ -47,9 +47,11 @@ def test_an_unlisted_video_that_is_asked_for_by_its_id_is_rejected(job: Job) -> 
     ]
 
 
-@pytest.mark.parametrize(("word", "listed"), [("unlisted", False), ("public", True), (None, True)])
+@pytest.mark.parametrize(
+    ("word", "listed"), [("unlisted", []), ("public", ["PLone"]), (None, ["PLone"])]
+)
 def test_the_id_of_a_playlist_that_is_not_public_is_not_given_away(
-    job: Job, word: str | None, listed: bool
+    job: Job, word: str | None, listed: list[str]
 ) -> None:
     folder = job.place / "lists"
     folder.mkdir()
@@ -57,4 +59,4 @@ def test_the_id_of_a_playlist_that_is_not_public_is_not_given_away(
     record = {**about, "availability": word, "entries": [info(video_id(5))]}
     (folder / "x.info.json").write_text(json.dumps(record))
     job.done("youtube", "import", str(folder))
-    assert playlists(job.root) == ({video_id(5): "PLone"} if listed else {})
+    assert [key for key, one in playlists(job.root).items() if not one.left_out] == listed

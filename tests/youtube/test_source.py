@@ -45,6 +45,7 @@ def test_units_of_all_days_and_what_is_left_of_today(
 
 def test_a_plan_sends_nothing_and_is_what_the_crawl_costs(job: Job) -> None:
     job.done(*CRAWL, "--only", "channels")
+    job.done(*CRAWL, "--only", "playlists")
     job.done(*CRAWL, "--only", "uploads")
     before = len(job.sandbox.ledger)
     plan = job.done(*CRAWL, "--plan")

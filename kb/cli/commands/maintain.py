@@ -299,7 +299,7 @@ merge_app = group("Bring the data roots of several machines into one.")
 @command(
     merge_app,
     raw=True,
-    json="folders, files, present, bytes, requests, scores, labels, path",
+    json="folders, files, present, bytes, requests, scores, films, labels, path",
     data="makes",
     examples=[
         "kb merge part-1 part-2 part-3 --data data    after crawls with --part on three machines",
@@ -321,6 +321,7 @@ def merge(
     """
     from kb.artifacts import domain_binding, merge_roots
     from kb.labels import imports
+    from kb.score import film_store
     from kb.store.layout import Layout
 
     run = options.make_run(needs="root")
@@ -329,6 +330,7 @@ def merge(
         named = (bound.file or bound.name) if bound else None
         run = options.make_run(kb_profile=named)
     summary = merge_roots.merge(run, roots)
+    summary["films"] = film_store.unite(run, roots)
     summary["labels"] = imports.unite(run, roots)
     for source in SOURCES:
         if Layout(run.root).purge(source).exists() and getattr(run.profile, source) is not None:

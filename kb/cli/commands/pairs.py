@@ -13,7 +13,16 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
-from kb.cli.framework.options import CLUSTER, Device, DeviceOption, Films, OnlyPairs, Plan
+from kb.cli.framework.options import (
+    CLUSTER,
+    Device,
+    DeviceOption,
+    Films,
+    OnlyPairs,
+    Part,
+    Plan,
+    parse_part,
+)
 from kb.core.config.pipeline import recipe_of
 from kb.core.context import Run
 from kb.core.errors import SettingError
@@ -87,10 +96,14 @@ def pairs(
 @command(
     app,
     json="pairs, out_of, keywords, most_of_a_keyword, videos, hours, train, validation, test, path",
-    planned=("n", "per_keyword", "per_video", "max_videos", "where", "seed", "out"),
+    planned=(
+        *("n", "per_keyword", "per_video", "max_videos", "where", "seed", "out"),
+        *("release", "name"),
+    ),
     data="reads",
     examples=[
         "kb pairs draw 640000                        as many as the paper sampled",
+        "kb pairs draw 640000 --release              release/draw, for others to have",
         "kb pairs draw 10000 --per-video 20 --plan   what would be drawn; writes nothing",
         "kb pairs draw 5000 --where \"language = 'en' AND duplicate_of IS NULL\" --seed 1",
     ],
@@ -129,9 +142,22 @@ def draw(
             "--seed", metavar="S", help="Another seed draws other pairs. [default: the profile's]"
         ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Write the draw there.")] = Path(
-        "draw"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Write the draw there. [default: draw]"),
+    ] = None,
+    release: Annotated[
+        bool,
+        typer.Option(
+            "--release",
+            help="Draw from the released pairs into release/draw, without text; of a download, into"
+            " --out.",
+        ),
+    ] = False,
+    name: Annotated[
+        str,
+        typer.Option("--name", metavar="NAME", help="With --release: write release/draw-NAME."),
+    ] = "",
     plan: Annotated[
         bool, typer.Option("--plan", help="Print what would be drawn; write nothing.")
     ] = False,
@@ -143,12 +169,23 @@ def draw(
     the columns of pairs and quality and `split` (train, validation, test: 90, 5 and 5 %, whole
     channels and whole clusters of duplicates on one side), videos.txt the videos that they need,
     README.md what was drawn.
+
+    --release makes a draw that others can have: ids, splits and ranks, which `kb release` describes
+    and whoever has the same release draws again byte for byte.
     """
-    from kb.pairs.draw import Limits
+    from kb.pairs.draw import Asked, Limits
     from kb.pairs.draw import draw as drawn
+    from kb.pairs.release_draw import DEFAULT_OUT, release_draw
 
     limits = Limits(per_keyword, per_video, max_videos)
-    return drawn(run, n, limits, where, run.seed if seed is None else seed, out, plan=plan)
+    asked = Asked(n, limits, where, run.seed if seed is None else seed)
+    if release:
+        return release_draw(run, asked, name, out, plan=plan)
+    if name:
+        raise SettingError(
+            "--name has no effect without --release", hint="name a folder with --out"
+        )
+    return drawn(run, asked, out or DEFAULT_OUT, plan=plan)
 
 
 @command(
@@ -156,15 +193,26 @@ def draw(
     uses=("workers",),
     json="pairs, scored, missing, short, undecodable, film_differs, no_text, videos,"
     " unknown_length, model, visible, path",
+    planned=("videos", "pairs", "model", "sample", "part"),
     examples=[
         "kb pairs score --videos films --model ViT-B-16.pt   all pairs whose film is in films",
         "kb pairs score --videos films --sample 1000         the model of `kb models fetch clip`",
         "kb pairs score --videos films --pairs draw/pairs.parquet",
+        "kb pairs score --videos films --part 1/3            the first of three machines",
+        "kb pairs score --videos films --plan                hours of films and size of vectors",
     ],
 )
 def score(
     run: Run,
-    videos: Films,
+    videos: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--videos",
+            metavar="DIR",
+            help="A folder with video files; may be given repeatedly. Without it scores are"
+            " computed of what is stored of films.",
+        ),
+    ] = None,
     pairs: OnlyPairs = None,
     model: Annotated[
         Path | None,
@@ -179,21 +227,27 @@ def score(
         int | None, typer.Option("--sample", min=1, metavar="N", help="Random sample of N pairs.")
     ] = None,
     device: DeviceOption = Device.auto,
+    part: Part = None,
+    plan: Plan = False,
 ) -> Summary:
     """Score how well clips show what texts say, with a CLIP model and your own video files.
 
     Writes pairs/scores-*.parquet: similarity, margin over the texts of other clips of the video,
-    the offset at which the picture fits best, and the share of static frames. pairs/measures.json
+    the offset at which the picture fits best, and the share of static frames; films/*.parquet: the
+    shots of each film, and cuts and motion within each clip. Each film is decoded once; what was
+    seen of it is kept in annotations/films, so films may go afterwards. pairs/measures.json
     and the card get their distribution and, where people judged pairs, what share of them shows
     what is named at each score, which is printed too, a row for each of ten bins. A run that was
-    stopped resumes, and what the same model scored before is not scored again. Lorecrawl downloads
-    no video.
+    stopped resumes, and a film that was seen is not decoded again. Lorecrawl downloads no video.
     """
     from kb.clips.build import Chosen
-    from kb.score.build import score as scored
+    from kb.score import build
 
-    folders = [folder.expanduser() for folder in videos]
-    summary = scored(run, folders, model, Chosen("", pairs, "", sample), str(device))
+    folders = [folder.expanduser() for folder in videos or ()]
+    chosen = Chosen("", pairs, "", sample, part=parse_part(part))
+    if plan:
+        return build.plan(run, folders, model, chosen)
+    summary = build.score(run, folders, model, chosen, str(device))
     seen = summary["visible"]
     if not seen["judged"]:
         run.progress.say(
@@ -325,7 +379,17 @@ class FrameFit(StrEnum):
     clips_app,
     uses=("workers",),
     json="pairs, clips, missing, short, undecodable, film_differs, videos, unknown_length, path",
-    planned=("videos", "keyword", "pairs", "where", "sample", "size", "frames", "format"),
+    planned=(
+        "videos",
+        "keyword",
+        "pairs",
+        "where",
+        "sample",
+        "within_shot",
+        "size",
+        "frames",
+        "format",
+    ),
     data="reads",
     records=True,
     examples=[
@@ -371,6 +435,13 @@ def clips(
     sample: Annotated[
         int | None, typer.Option("--sample", min=1, metavar="N", help="Random sample of N pairs.")
     ] = None,
+    within_shot: Annotated[
+        bool,
+        typer.Option(
+            "--within-shot",
+            help="Of each clip only the stretch without a cut, as `kb pairs score` has seen it.",
+        ),
+    ] = False,
     plan: Plan = False,
 ) -> Summary:
     """Cut the clips of pairs out of video files that you have.
@@ -393,7 +464,7 @@ def clips(
         run.profile.clips.jpeg_quality,
     )
     folders = [folder.expanduser() for folder in videos]
-    chosen = build.Chosen(keyword, pairs, where, sample)
+    chosen = build.Chosen(keyword, pairs, where, sample, within_shot)
     if plan:
         return build.plan(run, folders, options, chosen)
     return build.build(run, folders, out, options, chosen)

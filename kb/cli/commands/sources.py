@@ -36,6 +36,7 @@ class CrawlPhase(StrEnum):
     """Phases of a crawl, in order."""
 
     channels = "channels"
+    playlists = "playlists"
     uploads = "uploads"
     metadata = "metadata"
     transcripts = "transcripts"
@@ -47,7 +48,7 @@ class CrawlPhase(StrEnum):
     uses=("workers", "wait"),
     limit="Stop after N more videos, each through every phase (exit code 3); the next run resumes.",
     again="Start a new round: list the channels' uploads again, and read only new videos.",
-    json="crawled, channels, transcripts, failed, pending, missing, requests, units",
+    json="crawled, channels, playlists, transcripts, failed, pending, missing, requests, units",
     checks=True,
     planned=("ids", "part"),
     data="makes",
@@ -72,13 +73,13 @@ def youtube_crawl(
         typer.Option(
             "--ids",
             metavar="FILE|FOLDER",
-            help="Crawl these video ids instead of searching: lines, yt-dlp's download archive,"
-            " CSV, JSON (MineDojo's videos or pairs, CLIP4MC's), a released Parquet file or the"
-            " folder of a release.",
+            help="Crawl these videos, and those of these playlists, instead of searching: lines,"
+            " yt-dlp's download archive, CSV, JSON (MineDojo's videos or pairs, CLIP4MC's), a"
+            " released Parquet file or the folder of a release.",
         ),
     ] = None,
 ) -> Summary:
-    """Crawl channels by keyword, their uploads, metadata and transcripts, as raw JSON.
+    """Crawl channels and playlists by keyword, their videos' metadata and transcripts, as raw JSON.
 
     Needs YOUTUBE_API_KEY. Stops with exit code 3 when a quota is spent, and with 4 when somebody
     has to act, as for a captcha; the same command resumes.

@@ -54,7 +54,12 @@ WORDS: dict[str, Word] = {
     "view_rules": Word("Kept videos by how their views were counted (view_rule)."),
     "word_times": Word("Kept automatic transcripts by whether they have word times, or why not."),
     "subtitles": Word("Subtitle files that were imported.", "{n} subtitle files"),
-    "playlists": Word("Playlists and channels that were imported.", "{n} playlists"),
+    "playlists": Word(
+        "Playlists that were listed or imported; imports count channels too.", "{n} playlists"
+    ),
+    "playlists_left_out": Word(
+        "Playlists without a row, by reason: not public, not found, not read or empty."
+    ),
     "own_transcripts": Word("Own transcripts that were imported.", "{n} own transcripts"),
     "unknown_videos": Word("Own transcripts of videos that are not in the data root."),
     "youtube import.files": Word("Files that were imported in this run."),
@@ -163,6 +168,8 @@ WORDS: dict[str, Word] = {
     "starts": Word("Tasks by what says when they begin: chapter, transcript, none."),
     "clips": Word("Clips.", "{n} clips"),
     "clips.missing": Word("Pairs of videos without a file.", "{n} of videos without a file"),
+    "pairs score.hours": Word("Length of these films in hours.", "{n} hours of films"),
+    "pairs score.films": Word("Films that would be decoded.", "{n} films to decode", always=True),
     "clips.hours": Word("Duration of the clips in hours.", "{n} hours of clips"),
     "short": Word("Pairs whose film ends before their clip.", "{n} after the end of their film"),
     "undecodable": Word("Pairs whose film can't be decoded.", "{n} in undecodable films"),
@@ -243,6 +250,7 @@ WORDS: dict[str, Word] = {
     "rejected_tasks": Word("Tasks that were rejected.", "{n} rejected", always=True),
     "reworded_tasks": Word("Tasks that got a better wording.", "{n} reworded", always=True),
     "labels": Word("Answers in labels/ now.", "{n} labels in all"),
+    "merge.films": Word("Files of what was seen of films that were new or grew.", "{n} of films"),
     "merge.labels": Word("Answers of people that were new.", "{n} labels"),
     "skipped": Word("Judgements that people skipped or left empty.", "{n} skipped"),
     "no_result": Word(

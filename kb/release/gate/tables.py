@@ -39,7 +39,10 @@ def check(folder: ReleaseFolder) -> tuple[list[GateProblem], list[ReleasedTable]
     readable = []
     for part in folder.parts:
         names = [shard.name for shard in part.shards]
-        if not numbered(names, part.table.short, "parquet"):
+        by_stem = {
+            stem: [one for one in names if one.startswith(f"{stem}-")] for stem in part.table.stems
+        }
+        if not all(some and numbered(some, stem, "parquet") for stem, some in by_stem.items()):
             what = "shards are missing or of two exports; export it again"
             problems.append(GateProblem("damaged", f"{folder.source}/{part.table.short}", what))
         own = [
@@ -203,7 +206,8 @@ def check_rows(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -
     ]
     if unfinished:  # rows that were to be removed may still be here
         return unfinished
-    if PUBLISHED[folder.source].part_of:
+    of = PUBLISHED[folder.source]
+    if of.part_of or of.selected_from:  # of rows that other folders are checked for
         return []
     tables = released_tables(folder.source)
     problems = [problem for name in tables for problem in _damaged_clean(run.root, name)]
@@ -259,8 +263,11 @@ def _age(run: Run, source: str, part: ReleasedTable) -> list[GateProblem]:
         return []
     limit = clock.now() - timedelta(days=days)
     # The terms of a service are about what it was asked for, not about files that people have.
-    aging = PUBLISHED[source].aging
-    asked = " OR ".join(f"{column} = '{value}'" for column, value in aging) or "true"
+    aging, names = PUBLISHED[source].aging, part.table.names(released=True)
+    of_service = [f"{column} = '{value}'" for column, value in aging if column in names]
+    if aging and not of_service:
+        return []  # nothing says which of its rows are the service's
+    asked = " OR ".join(of_service) or "true"
     with database.asking() as con:
         row = con.execute(
             "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?)"

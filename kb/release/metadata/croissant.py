@@ -9,7 +9,7 @@ every record. What a folder was made of, by which steps and software, is in term
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -110,7 +110,10 @@ def croissant(run: Run, facts: Facts) -> str:
         "prov:wasGeneratedBy": _activities(run, facts),
         **_responsible(run, facts),
         "distribution": files,
-        "recordSet": [_records(table, _referenced(table, facts)) for table in facts.tables],
+        "recordSet": [
+            *(_splits(table.table) for table in facts.tables if table.table.split_by),
+            *(_records(table, _referenced(table, facts)) for table in facts.tables),
+        ],
     }
     return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
 
@@ -171,7 +174,7 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
 
 def _files(table: TableFacts) -> list[dict[str, Any]]:
     """A file object for each shard, with its checksum; a file set where a table has several."""
-    files = [
+    files: list[dict[str, Any]] = [
         {
             "@type": "cr:FileObject",
             "@id": file.name,
@@ -192,13 +195,16 @@ def _files(table: TableFacts) -> list[dict[str, Any]]:
                 "name": f"{table.table.short}-files",
                 "description": f"All shards of {table.table.short}.",
                 "encodingFormat": PARQUET,
-                "includes": f"{table.table.short}-*-of-*.parquet",
+                "includes": [split.glob for split in table.splits]
+                if table.table.split_by
+                else f"{table.table.short}-*-of-*.parquet",
             }
         )
     return files
 
 
 _FORMATS = {
+    ".txt": ("text/plain", "Ids of the videos, one a line, those with the most rows first."),
     ".tar": ("application/x-tar", "Files that path columns name as <tar>/<member>."),
     ".ndjson": (
         "application/jsonlines",
@@ -243,6 +249,34 @@ def _names(declared: Table, other: Table) -> bool:
     return len(other.key) == 1 and other.key[0] in declared.names(released=True)
 
 
+_SPLITS = {
+    "train": "cr:TrainingSplit",
+    "validation": "cr:ValidationSplit",
+    "test": "cr:TestSplit",
+}
+
+
+def _splits(table: Table) -> dict[str, Any]:
+    """The record set that names the splits of a table, as Croissant's section on splits has it."""
+    name, url = (f"{table.short}_splits/{part}" for part in ("name", "url"))
+    return {
+        "@type": "cr:RecordSet",
+        "@id": f"{table.short}_splits",
+        "name": f"{table.short}_splits",
+        "description": f"Names of the splits of {table.short}.",
+        "dataType": "cr:Split",
+        "key": {"@id": name},
+        "field": [
+            {"@type": "cr:Field", "@id": one, "name": one.rpartition("/")[2], "dataType": kind}
+            for one, kind in ((name, "sc:Text"), (url, "sc:URL"))
+        ],
+        "data": [
+            {name: split, url: _SPLITS[split].replace("cr:", CONTEXT["cr"])}
+            for split in table.stems
+        ],
+    }
+
+
 def _records(table: TableFacts, referenced: Mapping[str, str]) -> dict[str, Any]:
     short = table.table.short
     source = (
@@ -257,19 +291,32 @@ def _records(table: TableFacts, referenced: Mapping[str, str]) -> dict[str, Any]
         "description": f"{table.table.doc} {table.rows:,} rows.",
         "key": [{"@id": f"{short}/{column}"} for column in table.table.key],
         "field": [
-            _field(short, fact.column, source, referenced.get(fact.column.name, ""))
+            _field(
+                short,
+                fact.column,
+                source,
+                f"{short}_splits/name"
+                if fact.column.name == table.table.split_by
+                else referenced.get(fact.column.name, ""),
+                table.table.stems if fact.column.name == table.table.split_by else (),
+            )
             for fact in table.columns
         ],
     }
 
 
-def _field(short: str, column: Column, source: dict[str, Any], referenced: str) -> dict[str, Any]:
+def _field(
+    short: str, column: Column, source: dict[str, Any], referenced: str, stems: Sequence[str] = ()
+) -> dict[str, Any]:
     """A column, and the field of another table that it references; of a list of structs the parts
-    of each as fields below it.
+    of each as fields below it. `stems`: of the column that names the files, its values.
     """
     key = f"{short}/{column.name}"
     made = {"@type": "cr:Field", "@id": key, "name": column.name, "description": _described(column)}
     extract = {**source, "extract": {"column": column.name}}
+    if stems:  # by the names of files, so that a loader reads those of one split alone
+        named = f"^({'|'.join(stems)})-.+parquet$"
+        extract = {**source, "extract": {"fileProperty": "fullpath"}, "transform": {"regex": named}}
     parts = column.parsed.item.fields if column.parsed.item is not None else ()
     if not parts:
         joined = {"references": {"field": {"@id": referenced}}} if referenced else {}

@@ -56,6 +56,18 @@ class DataFile:
 
 
 @dataclass(frozen=True, slots=True)
+class SplitFacts:
+    """A split of a table for training, all of it where it has none: its files, rows, and the bytes
+    that these take in memory.
+    """
+
+    name: str
+    glob: str
+    rows: int
+    arrow_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
 class TableFacts:
     """One table of the folder."""
 
@@ -63,7 +75,16 @@ class TableFacts:
     rows: int
     files: tuple[DataFile, ...]
     columns: tuple[ColumnFacts, ...]
-    arrow_bytes: int  # of the rows in memory
+    splits: tuple[SplitFacts, ...]
+
+    @property
+    def arrow_bytes(self) -> int:
+        return sum(split.arrow_bytes for split in self.splits)
+
+    @property
+    def glob(self) -> str:
+        """What names all of its files."""
+        return "*-of-*.parquet" if self.table.split_by else f"{self.table.short}-*.parquet"
 
     @property
     def size(self) -> int:
@@ -93,6 +114,7 @@ class Facts:
     """
 
     source: str
+    name: str  # of the folder, which is the source's but for selections with one of their own
     built: datetime | None
     tables: tuple[TableFacts, ...]
     others: tuple[DataFile, ...]
@@ -173,6 +195,7 @@ def _facts(
     made = _span(con, _times(folder, "published_at", "created_utc", "revision_timestamp"))
     return Facts(
         source=folder.source,
+        name=folder.name,
         built=None if built is None else datetime.fromtimestamp(built, UTC),
         tables=tables,
         others=tuple(
@@ -301,7 +324,14 @@ def _table(con: DuckDBPyConnection, part: ReleasedTable) -> TableFacts:
     released = [column for column in part.table.columns if column.released]
     columns = tuple(_columns(con, scan(part.shards), released))
     rows = sum(file.rows or 0 for file in files)
-    return TableFacts(part.table, rows, files, columns, sum(map(_arrow_bytes, part.shards)))
+    splits = []
+    for stem in part.table.stems:
+        mine = [shard for shard in part.shards if shard.name.startswith(f"{stem}-")]
+        name = stem if part.table.split_by else "train"
+        own = sum(parquet.footer(shard).num_rows for shard in mine)
+        size = sum(map(_arrow_bytes, mine))
+        splits.append(SplitFacts(name, f"{stem}-*-of-*.parquet", own, size))
+    return TableFacts(part.table, rows, files, columns, tuple(splits))
 
 
 def _arrow_bytes(shard: Path) -> int:

@@ -156,6 +156,10 @@ def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
     sentences = tuple(judgements(read_measures(Layout(root).pairs), "task"))
     made = manifest.read_manifest(root, "tasks")
     figures = made.figures if made is not None else {}
+    if figures.get("tasks") and "from_playlists" in figures:
+        listed, every = figures["from_playlists"], figures["tasks"]
+        share = f"{100 * listed / every:.0f} % of {every:,} tasks"
+        sentences += (f"Playlists: the videos of {listed:,} ({share}) are listed by a playlist.",)
     rejected = figures.get("rejected", {}).get("judged", 0)
     if not (figures.get("judged") or rejected):
         return sentences
@@ -203,3 +207,24 @@ def share_text(share: Mapping[str, Any]) -> str:
         return "none"
     low, high, n = share["low"], share["high"], share["n"]
     return f"{share['share']:.1%} (95 % interval {low:.1%} to {high:.1%}, n = {n:,})"
+
+
+_SPLITS = ("train", "validation", "test")
+
+
+def draw_quality(root: Path, folder: ReleaseFolder) -> tuple[str, ...]:
+    """How a released draw was drawn. Raises DamagedData."""
+    made = manifest.read_manifest(root, f"release/{folder.name}")
+    if made is None or not made.figures:
+        return ()
+    asked = made.figures
+    condition = f", where `{asked['where']}`" if asked["where"] else ""
+    splits = ", ".join(f"{split} {asked[split]:,}" for split in _SPLITS)
+    drawn = f"{asked['pairs']:,} pairs were drawn from {asked['out_of']:,} released ones"
+    hours = f"{asked['hours']:,} hours of {asked['videos']:,} videos"
+    most = f"{asked['keywords']:,} keywords, with at most {asked['most_of_a_keyword']:,} pairs each"
+    return (
+        f"{drawn} with the seed {asked['seed']}{condition}. Limits: {asked['limits']}.",
+        f"They are {hours}, of {most}. Splits as drawn: {splits}.",
+        f"`{asked['command_again']}` draws the same rows from the same released pairs.",
+    )

@@ -112,7 +112,7 @@ def language(run: Run) -> str:
 
 def name(run: Run, facts: Facts) -> str:
     """A short name without spaces: lorecrawl-minecraft-youtube."""
-    return dataset_name(run.profile, facts.source)
+    return dataset_name(run.profile, facts.name)
 
 
 def dataset_name(profile: Profile, source: str) -> str:

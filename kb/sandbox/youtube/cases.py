@@ -338,3 +338,17 @@ class Channel:
     def uploads(self) -> str:
         """The id of the uploads playlist."""
         return "UU" + self.id[2:]
+
+
+@dataclass
+class Playlist:
+    """A playlist that somebody made. `teaches`: of tutorials; `privacy` as the API names it, and
+    "gone" of one that was deleted since the search engine saw it.
+    """
+
+    id: str
+    title: str
+    channel: Channel
+    entries: list[Video]
+    teaches: bool = False
+    privacy: str = "public"

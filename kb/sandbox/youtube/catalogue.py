@@ -14,8 +14,9 @@ from kb.sandbox.invented_ids import channel_id, video_id
 from kb.sandbox.speech import Sentence
 from kb.sandbox.youtube import captions
 from kb.sandbox.youtube.captions import Mishearing, SpokenCue
-from kb.sandbox.youtube.cases import UNLISTED, Case, Channel, Track, Video
+from kb.sandbox.youtube.cases import UNLISTED, Case, Channel, Playlist, Track, Video
 from kb.sandbox.youtube.planted import Planted, shifted, truth_of
+from kb.sandbox.youtube.playlists import planted_playlists
 
 PAGE = 50
 _TASKS, _IDLE = 0.25, 0.08  # of ordinary titles: that name a task, or its verb alone
@@ -47,14 +48,19 @@ class Catalogue:
                 first.entries.insert(PAGE, first.entries[PAGE - 1])
             self.channels[4].listed = False
             self.channels[5].without_shorts = False
+        self.playlists = planted_playlists(seed, self.channels, domain.phrases)
         self.planted = Planted(seed, self.channels, domain.speech, domain.rules.language)
 
     @cached_property
     def by_playlist(self) -> dict[str, tuple[Channel, list[Video]]]:
         """Playlist id → its channel and entries; UU… has all uploads,
-        UULF… those that are no Shorts.
+        UULF… those that are no Shorts. Of made ones those that anybody may read.
         """
-        playlists: dict[str, tuple[Channel, list[Video]]] = {}
+        playlists = {
+            one.id: (one.channel, one.entries)
+            for one in self.playlists
+            if one.privacy in ("public", "unlisted")
+        }
         for channel in self.channels:
             if channel.listed:
                 playlists[channel.uploads] = (channel, channel.entries)
@@ -76,6 +82,19 @@ class Catalogue:
             channel for channel in self.channels if all(word in channel.words for word in wanted)
         ]
         clock.rng(self.seed, "search", query.lower()).shuffle(hits)
+        return hits
+
+    def search_playlists(self, query: str) -> list[Playlist]:
+        """Playlists whose title has every word of `query`, as channels are searched; also those
+        that are private or gone by now.
+        """
+        wanted = query.lower().split()
+        hits = [
+            one
+            for one in self.playlists
+            if one.privacy != "unlisted" and all(word in one.title.lower() for word in wanted)
+        ]
+        clock.rng(self.seed, "search for playlists", query.lower()).shuffle(hits)
         return hits
 
     def talk(self, video: Video, language: str) -> list[Sentence]:
@@ -104,7 +123,18 @@ class Catalogue:
     @cached_property
     def truth(self) -> dict[str, Any]:
         """What is planted in the videos (kb/sandbox/youtube/planted.py)."""
-        return truth_of(self.planted, map(self._planted_in, self.videos.values()))
+        lists = [
+            {
+                "playlist_id": one.id,
+                "title": one.title,
+                "teaches": one.teaches,
+                "privacy": one.privacy,
+                "videos": [video.id for video in one.entries],
+            }
+            for one in self.playlists
+        ]
+        planted = truth_of(self.planted, map(self._planted_in, self.videos.values()))
+        return {**planted, "playlists": lists}
 
     def _planted_in(self, video: Video) -> tuple[Video, list[Sentence], list[Mishearing], float]:
         talk = self.talk(video, self.planted.language)

@@ -17,13 +17,14 @@ from werkzeug.wrappers import Request, Response
 
 from kb.sandbox.json_templates import written
 from kb.sandbox.world import World
-from kb.sandbox.youtube.cases import Channel, Video
+from kb.sandbox.youtube.cases import Channel, Playlist, Video
 from kb.sandbox.youtube.web import YouTubeWeb
 
 KEY = "sandbox-youtube-key-that-opens-nothing"
 MOST_HITS = 500
 PARTS = {
     "search": {"snippet", "id"},
+    "playlists": {"snippet", "contentDetails", "status", "id"},
     "playlistItems": {"snippet", "contentDetails", "status", "id"},
     "videos": {"snippet", "contentDetails", "status", "statistics", "player", "id"},
     "videos:batchGetStats": {"snippet", "contentDetails", "statistics", "id"},
@@ -108,13 +109,13 @@ class DataApi:
         return parts
 
     def _search(self, request: Request, parts: set[str]) -> dict[str, Any]:
-        hits = (
-            self.world.youtube.search(request.args.get("q", ""))
-            if request.args.get("type", "channel") == "channel"
-            else []
-        )
-        page, tokens, size = _paged(request, hits[:MOST_HITS])
-        results = [search_hit(video) for video in page]
+        type_, query = request.args.get("type", "channel"), request.args.get("q", "")
+        hits: list[dict[str, Any]] = []
+        if type_ == "channel":
+            hits = list(map(search_hit, self.world.youtube.search(query)))
+        elif type_ == "playlist":
+            hits = list(map(playlist_hit, self.world.youtube.search_playlists(query)))
+        results, tokens, size = _paged(request, hits[:MOST_HITS])
         if "snippet" not in parts:
             for hit in results:
                 del hit["snippet"]
@@ -126,7 +127,8 @@ class DataApi:
         if not playlist:
             raise ApiRefusal("no_filter")
         if playlist not in self.world.youtube.by_playlist:
-            raise ApiRefusal("no_playlist")
+            private = (one.id for one in self.world.youtube.playlists if one.privacy == "private")
+            raise ApiRefusal("private_playlist" if playlist in private else "no_playlist")
         entries = list(enumerate(self.world.youtube.by_playlist[playlist][1]))
         page, tokens, size = _paged(request, entries)
         items = []
@@ -137,6 +139,13 @@ class DataApi:
             entry = dict(_resource("entry" if video.in_api else "entry_private", values))
             items.append(_item("playlistItem", key, entry, parts))
         return list_response("playlistItem", items, len(entries), size, **tokens)
+
+    def _playlists(self, request: Request, parts: set[str]) -> dict[str, Any]:
+        asked = _ids(request)
+        listed = [one for one in self.world.youtube.playlists if one.id in asked]
+        shown = [one for one in listed if one.privacy in ("public", "unlisted")]
+        items = [_item("playlist", one.id, playlist_parts(one), parts) for one in shown]
+        return list_response("playlist", items, len(items), len(items))
 
     def _videos(self, request: Request, parts: set[str]) -> dict[str, Any]:
         frame = (request.args.get("maxWidth", type=int), request.args.get("maxHeight", type=int))
@@ -249,6 +258,29 @@ def search_hit(channel: Channel) -> dict[str, Any]:
         "description": html.escape(channel.description[:160]),
     }
     return dict(_resource("search_hit", values))
+
+
+def playlist_hit(playlist: Playlist) -> dict[str, Any]:
+    """A search result of type playlist."""
+    values = _of_list(playlist) | {"title": html.escape(playlist.title)}
+    return dict(_resource("playlist_hit", values | {"etag": etag("hit", playlist.id)}))
+
+
+def playlist_parts(playlist: Playlist) -> dict[str, Any]:
+    """A playlist by part."""
+    return dict(_resource("playlist", _of_list(playlist)))
+
+
+def _of_list(playlist: Playlist) -> dict[str, Any]:
+    return {
+        "id": playlist.id,
+        "title": playlist.title,
+        "channel_id": playlist.channel.id,
+        "channel_title": playlist.channel.title,
+        "published_at": playlist.channel.published_at,
+        "privacy": playlist.privacy,
+        "count": len(playlist.entries),
+    }
 
 
 def video_parts(video: Video, max_width: int | None, max_height: int | None) -> dict[str, Any]:

@@ -124,7 +124,12 @@ def is_released(path: Path | str) -> bool:
 
 @cache
 def _released() -> dict[str, Table]:
-    return {declared.short: declared for declared in tables().values() if declared.released}
+    return {
+        stem: declared
+        for declared in tables().values()
+        if declared.released
+        for stem in declared.stems
+    }
 
 
 @lru_cache(maxsize=10_000)

@@ -77,8 +77,8 @@ def _declared(path: Path) -> str:
             return f"{source}/{name}" if f"{source}/{name}" in tables() else f"shared/{name}"
         case (_, _, "releases" | "restored", *_):
             return ""
-        case (name, "pairs", *_):
-            return f"pairs/{name.partition('-')[0]}"
+        case (name, ("pairs" | "films") as folder, *_):
+            return f"{folder}/{name.partition('-')[0]}"
         case (_, "labels", *_):
             return "labels/labels"
         case (name, "links", *_):

@@ -215,16 +215,18 @@ def write_sorted(
     shard_bytes: float = SHARD,
     group_rows: int = ROW_GROUP,
     released: bool = True,
+    stem: str = "",
 ) -> list[Shard]:
-    """Write rows that come in the table's order as `sorted_shards` does. Raises SchemaMismatch and
-    DiskFull.
+    """Write rows that come in the table's order as `sorted_shards` does. The files' names begin
+    with `stem` where it is given. Raises SchemaMismatch and DiskFull.
     """
     declared = table(declared) if isinstance(declared, str) else declared
+    stem = stem or declared.short
     written: list[Shard] = []
     groups = _in_groups(rows, group_rows)
     group = next(groups, None)
     while group is not None or not written:
-        path = folder / f".{declared.short}-{len(written):05d}.parquet"
+        path = folder / f".{stem}-{len(written):05d}.parquet"
         with ShardWriter(
             path,
             declared,
@@ -239,7 +241,7 @@ def write_sorted(
         written.append(Shard(path, writer.rows))
     number = len(written)  # which the name of each shard says
     return [
-        Shard(path.rename(folder / f"{declared.short}-{at:05d}-of-{number:05d}.parquet"), count)
+        Shard(path.rename(folder / f"{stem}-{at:05d}-of-{number:05d}.parquet"), count)
         for at, (path, count) in enumerate(written)
     ]
 

@@ -89,6 +89,10 @@ class YouTubeApi:
             GENERAL, "playlistItems.list", self._client.playlistItems().list(**params)
         )
 
+    def playlists(self, **params: Any) -> dict[str, Any]:
+        """playlists.list, up to 50 ids; those that are gone or private are absent."""
+        return self._call(GENERAL, "playlists.list", self._client.playlists().list(**params))
+
     def videos(self, **params: Any) -> dict[str, Any]:
         """videos.list, up to 50 ids; ids that are gone are absent from the answer."""
         return self._call(GENERAL, "videos.list", self._client.videos().list(**params))

@@ -1,7 +1,7 @@
 """YouTube: two services over one frontier, so that the API's quota and the web site's patience are
 used side by side.
 
-    api    searches → uploads → videos, 50 ids a call packed across channels
+    api    searches → uploads and playlists → videos, 50 ids a call packed across channels
     web    transcripts of the videos that pass the cheap filters, in several threads
 
     fetch         what to ask: api (Google's client on our transport), transcripts, player, quota
@@ -13,7 +13,7 @@ used side by side.
 import logging
 import threading
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -40,14 +40,17 @@ from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
 from kb.store.tables.columns import newest
 from kb.youtube.crawl.client import FINAL, GOOGLE
-from kb.youtube.crawl.fetch import PACK, YouTubeFetcher
-from kb.youtube.crawl.ids import RULES
-from kb.youtube.crawl.quota import API, GENERAL, SEARCH, WEB, quota
+from kb.youtube.crawl.fetch import YouTubeFetcher
+from kb.youtube.crawl.ids import RULES, sorted_by_form
+from kb.youtube.crawl.phases import PHASES, chosen_phases, words_of
+from kb.youtube.crawl.quota import API, WEB, quota
 from kb.youtube.crawl.reduce import (
     BEYOND,
     CHANNELS,
     ELSEWHERE,
     PAYLOADS,
+    PLAYLIST_SEARCHES,
+    PLAYLISTS,
     RAW_INFO,
     RAW_STATISTICS,
     RAW_VIDEOS,
@@ -56,14 +59,14 @@ from kb.youtube.crawl.reduce import (
     UNJUDGED,
     UPLOADS,
     VIDEOS,
+    ListPlace,
     Reducer,
     SearchItem,
-    Uploads,
     Wanted,
     crawled,
-    keywords_without_channels,
     nothing,
     search_key,
+    unproductive_words,
     uploads_list,
     with_po_token,
 )
@@ -90,36 +93,37 @@ def reopen(frontier: Frontier, profile: YouTubeSection) -> None:
     ]
     frontier.mark(TRANSCRIPTS, asked_before, "error", PO_TOKEN)
     most = profile.search_pages
-    pages = [
-        key
-        for key, _, reason, page in frontier.items(SEARCHES, "skipped")
-        if reason != BEYOND or page.page <= most
-    ]
-    frontier.mark(SEARCHES, pages, "todo")
-    lists = [key for key, _, reason, _ in frontier.items(UPLOADS, "skipped") if reason not in FINAL]
-    frontier.mark(UPLOADS, lists, "todo")
+    for kind in (SEARCHES, PLAYLIST_SEARCHES):
+        skipped = frontier.items(kind, "skipped")
+        pages = [key for key, _, why, page in skipped if why != BEYOND or page.page <= most]
+        frontier.mark(kind, pages, "todo")
+    for kind in (UPLOADS, PLAYLISTS):
+        lists = [key for key, _, why, _ in frontier.items(kind, "skipped") if why not in FINAL]
+        frontier.mark(kind, lists, "todo")
     frontier.reopen(VIDEOS, "skipped")
 
 
 def extend(frontier: Frontier, profile: YouTubeSection, mine: Callable[[str], bool]) -> None:
     """Add the profile's keywords, and channels that were another part's share."""
-    frontier.add_keys(
-        SEARCHES, [(search_key(word, None), SearchItem(word)) for word in profile.keywords]
-    )
+    for kind, words in words_of(profile).items():
+        frontier.add_keys(kind, [(search_key(word, None), SearchItem(word)) for word in words])
     channels = (key for key, *_ in frontier.items(CHANNELS) if mine(key))
-    frontier.add_keys(UPLOADS, [(key, Uploads(uploads_list(key, profile))) for key in channels])
+    frontier.add_keys(UPLOADS, [(key, ListPlace(uploads_list(key, profile))) for key in channels])
 
 
 def new_round(frontier: Frontier) -> None:
     """Every first page of a search and every list again, when the last round is complete."""
-    if any(frontier.ready(kind) for kind in (SEARCHES, UPLOADS, VIDEOS)):
+    searched, lists = (SEARCHES, PLAYLIST_SEARCHES), (UPLOADS, PLAYLISTS)
+    if any(frontier.ready(kind) for kind in (*searched, *lists, VIDEOS)):
         return
     with frontier.transaction():
         frontier.set_cursor("round", frontier.cursor("round", 1) + 1)
-        searches = [key for key, *_ in frontier.items(SEARCHES)]
-        frontier.remove(SEARCHES, [key for key in searches if not key.endswith("#")])
-        frontier.mark(SEARCHES, [key for key in searches if key.endswith("#")], "todo")
-        frontier.reopen(UPLOADS, "done", "skipped")
+        for kind in searched:
+            searches = [key for key, *_ in frontier.items(kind)]
+            frontier.remove(kind, [key for key in searches if not key.endswith("#")])
+            frontier.mark(kind, [key for key in searches if key.endswith("#")], "todo")
+        for kind in lists:
+            frontier.reopen(kind, "done", "skipped")
 
 
 def no_channel(run: Run, unproductive: Collection[str], channels: int) -> FatalError | None:
@@ -180,27 +184,9 @@ def _newest_counts(root: Path) -> pa.Table:
     return newest(pa.concat_tables(tables).select(names), ("video_id",), ("fetched_at",))
 
 
-PHASES = (
-    Phase(
-        kind=VIDEOS,
-        unit="videos",
-        name="metadata",
-        feeds=(TRANSCRIPTS,),
-        batch=PACK,
-        packed=True,
-        service=API,
-        bucket=GENERAL,
-    ),
-    Phase(kind=UPLOADS, unit="pages", feeds=(VIDEOS,), service=API, bucket=GENERAL),
-    Phase(kind=SEARCHES, unit="pages", feeds=(UPLOADS,), service=API, bucket=SEARCH),
-    # So many that fail one after the other are the site's trouble, not the videos'.
-    Phase(kind=TRANSCRIPTS, unit="videos", workers=4, down=6, service=WEB),
-)
 PART = "part"  # cursor: the share that the last run had
 Worth = Callable[[pa.Table], "pa.Array[Any]"]
 """Which assembled videos are worth asking for their transcript."""
-
-ONLY = {"channels": SEARCHES, "uploads": UPLOADS, "metadata": VIDEOS, "transcripts": TRANSCRIPTS}
 
 
 def crawl(
@@ -212,9 +198,9 @@ def crawl(
 ) -> Summary:
     """Crawl until nothing is left. `worth` says of assembled videos whose transcript is asked for.
 
-    `only` names one phase; `ids` are known videos, which skip discovery; `part` (i, n) is one
-    machine's share. Raises Stopped (with `summary`) when something is left for another run, and
-    what kb.core.errors says for the rest.
+    `only` names one phase; `ids` are known videos and playlists, which skip discovery; `part`
+    (i, n) is one machine's share. Raises Stopped (with `summary`) when something is left for
+    another run, and what kb.core.errors says for the rest.
     """
     source = YouTubeConnector(run, partial(_promising, worth), only=only, ids=ids, part=part)
     if only is None or ids:  # a phase alone goes on with what was asked for before
@@ -274,12 +260,12 @@ class YouTubeConnector(Connector):
         self.phases = [
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
-        self.chosen = _chosen(self.phases, only, ids)
+        self.chosen = chosen_phases(self.phases, only, ids)
         self._known = RULES.some_ids_in(ids, run.progress.say) if ids else None
         self._wanted, self._mine, self._part = wanted, share(part), list(part or ())
         self.counts: Counter[str] = Counter()
         self.theirs: set[str] = set()
-        self._unproductive: list[str] = []
+        self._unproductive: dict[str, list[str]] = {}
         self._fetch: YouTubeFetcher | None = None
         self._lock = threading.Lock()
 
@@ -312,7 +298,9 @@ class YouTubeConnector(Connector):
         """The ids of the list that are this part's share."""
         keys = self._known.keys if self._known is not None else ()
         mine = (key for key in keys if key not in self.opened.purged and self._mine(key))
-        yield from seed_requests(frontier, VIDEOS, "ids", mine)
+        videos, lists = sorted_by_form(mine)
+        yield from seed_requests(frontier, VIDEOS, "ids", videos)
+        yield from seed_requests(frontier, PLAYLISTS, "playlists", lists)
 
     def discover(self, frontier: Frontier) -> None:
         """Known ids, or the profile's keywords, channels, and a new round."""
@@ -329,7 +317,7 @@ class YouTubeConnector(Connector):
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
         """Pages of a search that the profile does not want, or that another part asks for."""
-        if phase.kind != SEARCHES:
+        if phase.kind not in words_of(self.profile):
             return None
         if item.payload.page > self.profile.search_pages:
             return BEYOND
@@ -374,9 +362,10 @@ class YouTubeConnector(Connector):
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What the run did, what failed and what is left."""
         frontier = session.frontier
-        self._unproductive = []
-        if any(phase.kind == SEARCHES for phase in self.chosen):
-            self._unproductive = keywords_without_channels(frontier, self.profile.keywords)
+        self._unproductive = {}
+        for kind, words in words_of(self.profile).items():
+            if any(phase.kind == kind for phase in self.chosen):
+                self._unproductive[kind] = unproductive_words(frontier, kind, words)
         kinds = frontier.kinds()
         handled = {phase.kind: kinds.get(phase.kind, {}) for phase in self.chosen}
         left = SOURCES["youtube"].left_by(handled)
@@ -391,6 +380,7 @@ class YouTubeConnector(Connector):
             failed=sum(count.get("error", 0) for count in handled.values()),
             pending=frontier.waiting(VIDEOS),
             channels=kinds.get(CHANNELS, {}).get("done", 0),
+            playlists=kinds.get(PLAYLISTS, {}).get("done", 0),
             transcripts_asked=self.counts["transcripts_asked"],
             transcripts=self.counts["transcripts"],
             po_token=with_po_token(frontier),
@@ -417,18 +407,10 @@ class YouTubeConnector(Connector):
 
     def check_keywords(self, summary: dict[str, Any]) -> None:
         """Name keywords that find no channel. Raises FatalError where none finds any."""
-        error = no_channel(self.run, self._unproductive, summary["channels"])
+        without = self._unproductive.get(SEARCHES, ())
+        error = no_channel(self.run, without, summary["channels"])
+        for word in self._unproductive.get(PLAYLIST_SEARCHES, ()):
+            _log.warning("the phrase %r of the profile finds no playlist", word)
         if error is not None:
             error.summary = summary
             raise error
-
-
-def _chosen(phases: Sequence[Phase], only: str | None, ids: Path | None) -> list[Phase]:
-    """The phases of a run; `--limit` counts videos, or what the one phase handles."""
-    kinds = {VIDEOS, TRANSCRIPTS} if ids else {phase.kind for phase in phases}
-    if only:
-        kinds = {ONLY[only]}
-    counted = VIDEOS if VIDEOS in kinds else ONLY.get(only or "")
-    return [
-        replace(phase, limited=phase.kind == counted) for phase in phases if phase.kind in kinds
-    ]

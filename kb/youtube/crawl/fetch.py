@@ -13,6 +13,10 @@ from kb.net.rate import Pace
 from kb.store.state.frontier import Item
 from kb.youtube.crawl.client import YouTubeApi
 from kb.youtube.crawl.reduce import (
+    PLAYLIST_FACTS,
+    PLAYLIST_SEARCHES,
+    PLAYLISTS,
+    RAW_FACTS,
     RAW_LIST,
     RAW_SEARCH,
     RAW_SECOND_TRACKS,
@@ -32,7 +36,7 @@ from kb.youtube.parse import answers as parse
 from kb.youtube.section import YouTubeSection
 
 PACK = 50  # ids a call, and entries a page: the API's largest
-PAGES = 2_000  # of a list of uploads, of which the API gives 20,000 videos
+PAGES = 2_000  # of a list: the API gives 20,000 videos of a channel's uploads
 PARTS = "snippet,contentDetails,statistics,status,player"
 FRAME = {"maxWidth": 1920, "maxHeight": 1080}  # of the embed: its shape is the video's
 
@@ -53,8 +57,11 @@ class YouTubeFetcher:
         self._idle: list[Fetcher] = []
         self._lock = threading.Lock()
         self._ways: dict[str, Callable[[list[Item]], Iterator[Answer]]] = {
-            SEARCHES: self._search,
-            UPLOADS: self._list,
+            SEARCHES: partial(self._search, "channel"),
+            PLAYLIST_SEARCHES: partial(self._search, "playlist"),
+            UPLOADS: partial(self._list, "contentDetails"),
+            PLAYLISTS: partial(self._list, "snippet,contentDetails"),
+            PLAYLIST_FACTS: self._playlist_facts,
             VIDEOS: self._videos,
             REFRESH: self._videos,
             STATISTICS: self._statistics,
@@ -79,11 +86,11 @@ class YouTubeFetcher:
             self._api = YouTubeApi(self._profile, self._opened)
         return self._api
 
-    def _search(self, items: list[Item]) -> Iterator[Answer]:
+    def _search(self, type_: str, items: list[Item]) -> Iterator[Answer]:
         (item,) = items
         params = {
             "q": item.payload.q,
-            "type": "channel",
+            "type": type_,
             "part": "snippet",
             "maxResults": PACK,
             **_page(item),
@@ -91,23 +98,29 @@ class YouTubeFetcher:
         answer = _never_final(lambda: self.api.search(**params))
         yield Answer(RAW_SEARCH, "search.list", params, answer)
 
-    def _list(self, items: list[Item]) -> Iterator[Answer]:
+    def _list(self, parts: str, items: list[Item]) -> Iterator[Answer]:
         (item,) = items
         check_length(f"the list {item.payload.playlist}", item.payload.pages, PAGES)
         params = {
             "playlistId": item.payload.playlist,
-            "part": "contentDetails",
+            "part": parts,
             "maxResults": PACK,
             **_page(item),
         }
-        answer: dict[str, Any] = {"error": {"code": 404}}
-        status = 404
+        answer: dict[str, Any]
         try:
             answer, status = self.api.playlist_items(**params), 200
         except ItemFinal as fact:
-            if fact.reason != "not_found":
+            status = 404 if fact.reason == "not_found" else 403
+            if status == 403 and item.kind == UPLOADS:
                 raise
+            answer = {"error": {"code": status}}
         yield Answer(RAW_LIST, "playlistItems.list", params, answer, status)
+
+    def _playlist_facts(self, items: list[Item]) -> Iterator[Answer]:
+        params = {"id": ",".join(item.key for item in items), "part": "snippet,status"}
+        answer = _never_final(lambda: self.api.playlists(**params))
+        yield Answer(RAW_FACTS, "playlists.list", params, answer)
 
     def _videos(self, items: list[Item]) -> Iterator[Answer]:
         params = {"id": ",".join(item.key for item in items), "part": PARTS, **FRAME}

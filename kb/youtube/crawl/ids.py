@@ -1,22 +1,27 @@
-"""Video ids from a list, and which video an address of YouTube names.
+"""Video ids from a list, and which video or playlist an address of YouTube names.
 
 An address counts by its host, its path and the one parameter that the path asks for. Other
 parameters may hold anything that looks like an id (`ab_channel=KilnRoad123`), in any order; the
-address of a channel, a playlist or a search names no video, and neither does any other host.
+address of a channel or a search names no video, and neither does any other host.
 
     watch?v=ID, watch/ID           also without `www.`, on m., music., gaming. and other subdomains
     shorts/ID, live/ID, embed/ID, v/ID, e/ID, vi/ID/0.jpg, video/ID/edit
     youtu.be/ID
     attribution_link?u=…, oembed?url=…      the address that is encoded in it
     #/watch?v=ID, watch#!v=ID               as old pages of the site wrote it
+    playlist?list=ID                        a playlist; what `watch` names is the video
 """
 
 import re
+from collections.abc import Iterable
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from kb.crawl.id_list import IdRules, ListedId
 
 _ID = re.compile(r"[A-Za-z0-9_-]{11}")
+_PLAYLIST = re.compile(  # not uploads, likes, a list to watch later and mixes, which nobody made
+    r"(?!UU|UC|LL|WL|RD|UL)[A-Za-z0-9_-]{12,64}"
+)
 _FIRST = re.compile(r"([A-Za-z0-9_-]{11})(?![A-Za-z0-9_-])")  # people add "?t=30" behind anything
 _ARCHIVED = re.compile(r"youtube ([A-Za-z0-9_-]{11})")  # a line of yt-dlp's download archive
 _OF_DATA_SET = re.compile(  # ActivityNet's names, and those of clips in Kinetics and VATEX
@@ -83,7 +88,7 @@ def video_of_address(address: str) -> str | None:
         return None
     if host in (_SHORT, f"www.{_SHORT}"):
         return _of_path(parts.path, parts.query, "", short=True)
-    if any(host == own or host.endswith(f".{own}") for own in _HOSTS):
+    if _is_own(host):
         return _of_path(parts.path, parts.query, parts.fragment)
     return None
 
@@ -131,15 +136,45 @@ def _id(text: str) -> str | None:
 """Which of how many machines, from 1; None for one that does it all."""
 
 
+def playlist_of(text: str) -> str | None:
+    """The id of the playlist that an address names, or that a text is; None for none."""
+    text = text.strip(_AROUND)
+    if text.startswith("PL") and _PLAYLIST.fullmatch(text):
+        return text
+    scheme = _SCHEME.match(text)
+    try:
+        parts = urlsplit(f"https://{text[scheme.end() :] if scheme else text}")
+        host = (parts.hostname or "").rstrip(".")
+    except ValueError:
+        return None
+    named = parse_qs(parts.query).get("list", [])
+    if not _is_own(host) or parts.path.strip("/").lower() != "playlist" or len(named) != 1:
+        return None
+    return named[0] if _PLAYLIST.fullmatch(named[0]) else None
+
+
+def _is_own(host: str) -> bool:
+    return any(host == own or host.endswith(f".{own}") for own in _HOSTS)
+
+
+def sorted_by_form(keys: Iterable[str]) -> tuple[list[str], list[str]]:
+    """The ids of videos and those of playlists among these."""
+    forms: tuple[list[str], list[str]] = ([], [])
+    for key in keys:
+        forms[_ID.fullmatch(key) is None].append(key)
+    return forms
+
+
 def parse(entry: ListedId) -> str | None:
-    """The video that an entry of a list names."""
-    return video_of(entry.value) if isinstance(entry.value, str) else None
+    """The video that an entry of a list names, else the playlist."""
+    value = entry.value
+    return (video_of(value) or playlist_of(value)) if isinstance(value, str) else None
 
 
 RULES = IdRules(
     option="--ids",
     noun="video ids",
-    hint="write one per line: 11 characters, or a video's URL",
+    hint="write one per line: 11 characters, or the URL of a video or of a playlist",
     columns=(
         "video_id",
         "youtube_id",

@@ -2,8 +2,12 @@
 idempotent.
 
 searches      key "<keyword>#<page token>", payload Search → channels, and the next page
+playlist_searches     the same → playlists
 channels      key channel id: found, never asked for by itself
-uploads       key channel id, payload Uploads: pages of the uploads list → videos
+uploads       key channel id, payload ListPlace: pages of the uploads list → videos
+playlists     key playlist id, payload ListPlace: pages of the playlist → videos
+playlist_facts        key playlist id: title, owner and who may see it, of those that no search
+              found or that are to be read again
 videos        key video id: metadata → transcripts, for those that pass the cheap filters
 transcripts   key video id
 statistics    key video id: counts to be read again → refresh, for those that are left out
@@ -23,7 +27,7 @@ from kb.store.rawlog.rawlog import SEEDS, Envelope
 from kb.store.state.frontier import Frontier
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.answers import PO_TOKEN
-from kb.youtube.parse.channels import channel_of
+from kb.youtube.parse.channels import channel_of, is_uploads
 from kb.youtube.section import YouTubeSection
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
@@ -37,6 +41,7 @@ SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TR
     "statistics",
     "second_tracks",
 )
+PLAYLIST_SEARCHES, PLAYLISTS, PLAYLIST_FACTS = "playlist_searches", "playlists", "playlist_facts"
 # raw kinds
 RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS = (
     "search",
@@ -45,11 +50,12 @@ RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS = (
     "transcripts",
     "statistics",
 )
-RAW_SECOND_TRACKS = "second_tracks"
+RAW_SECOND_TRACKS, RAW_FACTS = "second_tracks", "playlists"
 RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES = "ytdlp_info", "ytdlp_playlists", "ytdlp_subtitles"
 RAW_OWN = "own_transcripts"  # changes nothing that a crawl asks for
 FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
 UNJUDGED = "videos not judged"  # cursor: taken in by what asks for no transcript
+NO_ACCESS = "playlistItemsNotAccessible"  # why a playlist is skipped: it is private
 BEYOND = "beyond search_pages"  # why a page of a search is skipped
 ELSEWHERE = "of another part"  # the same
 
@@ -65,7 +71,9 @@ def nothing(rows: Any) -> Sequence[str]:
 
 
 class SearchItem(msgspec.Struct):
-    """A page of a search. `channels` is how many it found, None before it was answered."""
+    """A page of a search. `channels` is how many channels or playlists it found, None before it
+    was answered.
+    """
 
     q: str
     token: str | None = None
@@ -73,8 +81,9 @@ class SearchItem(msgspec.Struct):
     channels: int | None = None
 
 
-class Uploads(msgspec.Struct):
-    """A place in a channel's uploads list: the next page's token, and how many were read.
+class ListPlace(msgspec.Struct):
+    """A place in a playlist, such as that of a channel's uploads: the next page's token, and how
+    many pages were read.
 
     `mark` is an earlier token, to find out that the list goes round.
     """
@@ -93,7 +102,9 @@ class Transcript(msgspec.Struct):
 
 PAYLOADS: dict[str, type[msgspec.Struct]] = {
     SEARCHES: SearchItem,
-    UPLOADS: Uploads,
+    PLAYLIST_SEARCHES: SearchItem,
+    UPLOADS: ListPlace,
+    PLAYLISTS: ListPlace,
     TRANSCRIPTS: Transcript,
 }
 
@@ -131,7 +142,8 @@ class Reducer:
             RAW_STATISTICS: self._statistics,
             RAW_INFO: self._info,
             RAW_SUBTITLES: self._subtitles,
-            RAW_PLAYLISTS: self._playlist,
+            RAW_PLAYLISTS: self._imported_list,
+            RAW_FACTS: self._facts,
             SEEDS: self._seeds,
         }
 
@@ -150,39 +162,52 @@ class Reducer:
         params = envelope.request.params
         keyword, token = str(params.get("q", "")), params.get("pageToken")
         key = search_key(keyword, token)
-        known = frontier.get(SEARCHES, key)
+        of_playlists = params.get("type") == "playlist"
+        kind = PLAYLIST_SEARCHES if of_playlists else SEARCHES
+        known = frontier.get(kind, key)
         page = known[1].page if known and known[1] else 1
-        channels = (key for key in parse.channel_hits(envelope.response) if key.startswith("UC"))
-        hits = [key for key in channels if key not in self._left_out]
-        frontier.add_keys(CHANNELS, hits)
-        frontier.done(CHANNELS, *hits)
-        mine = [channel for channel in hits if self._mine(channel)]
-        frontier.add_keys(UPLOADS, [(key, self._from_the_top(key)) for key in mine])
+        if of_playlists:
+            every = parse.playlist_hits(envelope.response)
+            hits = [key for key in every if key not in self._purged]
+            self._add_lists(frontier, PLAYLISTS, hits)
+        else:
+            channels = filter(_is_channel, parse.channel_hits(envelope.response))
+            hits = [key for key in channels if key not in self._left_out]
+            frontier.add_keys(CHANNELS, hits)
+            frontier.done(CHANNELS, *hits)
+            self._add_lists(frontier, UPLOADS, hits)
         following = parse.next_page(envelope.response)
         if following and hits:
             after = SearchItem(keyword, following, page + 1)
-            frontier.add_keys(SEARCHES, [(search_key(keyword, following), after)])
-        frontier.add_keys(SEARCHES, [(key, None)])
-        frontier.payload(SEARCHES, key, SearchItem(keyword, token, page, len(hits)))
-        frontier.done(SEARCHES, key)
+            frontier.add_keys(kind, [(search_key(keyword, following), after)])
+        frontier.add_keys(kind, [(key, None)])
+        frontier.payload(kind, key, SearchItem(keyword, token, page, len(hits)))
+        frontier.done(kind, key)
 
     def _seeds(self, frontier: Frontier, envelope: Envelope) -> None:
-        ids = envelope.request.params.get("ids", [])
-        frontier.add_keys(VIDEOS, [key for key in ids if key not in self._purged])
+        asked = envelope.request.params
+        frontier.add_keys(VIDEOS, [key for key in asked.get("ids", []) if key not in self._purged])
+        lists = [key for key in asked.get("playlists", []) if key not in self._purged]
+        self._add_lists(frontier, PLAYLISTS, lists)
+        frontier.add_keys(PLAYLIST_FACTS, [key for key in lists if self._mine(key)])
 
-    def _from_the_top(self, channel: str) -> Uploads:
-        return Uploads(uploads_list(channel, self._profile))
+    def _add_lists(self, frontier: Frontier, kind: str, keys: Iterable[str]) -> None:
+        mine = filter(self._mine, keys)
+        frontier.add_keys(kind, [(key, self._from_the_top(kind, key)) for key in mine])
+
+    def _from_the_top(self, kind: str, key: str) -> ListPlace:
+        return ListPlace(uploads_list(key, self._profile) if kind == UPLOADS else key)
 
     def _list(self, frontier: Frontier, envelope: Envelope) -> None:
         params = envelope.request.params
         playlist, token = str(params.get("playlistId", "")), params.get("pageToken")
-        channel = channel_of(playlist)
-        if not self._mine(channel):
+        kind, key = list_item(playlist)
+        if not self._mine(key):
             return  # an answer of another part, whose videos these are
-        known = frontier.get(UPLOADS, channel)
+        known = frontier.get(kind, key)
         if known is None:
-            at = Uploads(playlist, token)
-            frontier.add_keys(UPLOADS, [(channel, at)])
+            at = ListPlace(playlist, token)
+            frontier.add_keys(kind, [(key, at)])
         else:
             at = known[1]
             if (at.playlist, at.token) != (playlist, token) or known[0] == "done":
@@ -191,32 +216,35 @@ class Reducer:
                 self._add_videos(frontier, envelope.response)
                 return
         if envelope.status == 404:
-            self._no_list(frontier, channel, playlist)
+            self._no_list(frontier, kind, key, playlist)
+            return
+        if envelope.status == 403:
+            frontier.skip(kind, key, NO_ACCESS)
             return
         new = self._add_videos(frontier, envelope.response)
         following = self._next_of(at, parse.next_page(envelope.response), new)
         later_round = frontier.cursor("round", 1) > 1
-        if following is None or (later_round and new == 0):
-            # Lists are newest first: in a later round a page of known videos ends it.
-            frontier.payload(UPLOADS, channel, self._from_the_top(channel))
-            frontier.done(UPLOADS, channel)
+        if following is None or (later_round and new == 0 and kind == UPLOADS):
+            # Uploads are newest first: in a later round a page of known videos ends their list.
+            frontier.payload(kind, key, self._from_the_top(kind, key))
+            frontier.done(kind, key)
             return
         pages = at.pages + 1
         # The token after every 1st, 2nd, 4th, 8th … page is remembered: where pages go round it
         # comes again.
         mark = following if pages & (pages - 1) == 0 else at.mark
-        frontier.payload(UPLOADS, channel, Uploads(playlist, following, pages, mark))
-        frontier.mark(UPLOADS, [channel], "todo")
+        frontier.payload(kind, key, ListPlace(playlist, following, pages, mark))
+        frontier.mark(kind, [key], "todo")
 
-    def _no_list(self, frontier: Frontier, channel: str, playlist: str) -> None:
+    def _no_list(self, frontier: Frontier, kind: str, key: str, playlist: str) -> None:
         """Not every channel has a list without Shorts; one without any list has no uploads."""
         if not playlist.startswith("UULF"):
-            frontier.skip(UPLOADS, channel, "not_found")
+            frontier.skip(kind, key, "not_found")
             return
-        frontier.payload(UPLOADS, channel, Uploads("UU" + playlist[4:]))
-        frontier.mark(UPLOADS, [channel], "todo")
+        frontier.payload(kind, key, ListPlace("UU" + playlist[4:]))
+        frontier.mark(kind, [key], "todo")
 
-    def _next_of(self, at: Uploads, following: str | None, new: int) -> str | None:
+    def _next_of(self, at: ListPlace, following: str | None, new: int) -> str | None:
         """The token of the next page; None at the end, also of a list that goes round."""
         if following is None or new or following not in (at.mark, at.token):
             return following
@@ -264,7 +292,12 @@ class Reducer:
             frontier.add_keys(TRANSCRIPTS, [key])
             frontier.done(TRANSCRIPTS, key)
 
-    def _playlist(self, frontier: Frontier, envelope: Envelope) -> None:
+    def _facts(self, frontier: Frontier, envelope: Envelope) -> None:
+        asked = parse.requested(envelope.request.params)
+        frontier.add_keys(PLAYLIST_FACTS, asked)
+        frontier.done(PLAYLIST_FACTS, *asked)
+
+    def _imported_list(self, frontier: Frontier, envelope: Envelope) -> None:
         keys = (str(entry["id"]) for entry in envelope.response["entries"])
         frontier.add_keys(VIDEOS, [key for key in keys if key not in self._purged])
 
@@ -301,11 +334,20 @@ def _outcome(response: Any) -> tuple[str, str, str | None]:
     return key, "error", str(answer.get("reason") or "failed")
 
 
-def keywords_without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:
-    """The keywords whose search was answered and found no channel."""
+def list_item(playlist: str) -> tuple[str, str]:
+    """The kind and the key of a list in the frontier."""
+    return (UPLOADS, channel_of(playlist)) if is_uploads(playlist) else (PLAYLISTS, playlist)
+
+
+def _is_channel(key: str) -> bool:
+    return key.startswith("UC")
+
+
+def unproductive_words(frontier: Frontier, kind: str, words: Iterable[str]) -> list[str]:
+    """The words whose search was answered and found nothing."""
     unproductive = []
-    for word in dict.fromkeys(keywords):
-        status, page, _ = frontier.get(SEARCHES, search_key(word, None)) or ("", None, None)
+    for word in dict.fromkeys(words):
+        status, page, _ = frontier.get(kind, search_key(word, None)) or ("", None, None)
         if status == "done" and page is not None and page.channels == 0:
             unproductive.append(word)
     return unproductive

@@ -6,8 +6,11 @@ the terms of YouTube's API.
     statistics   videos.batchGetStats: the counts of other videos that are due, by a bucket of its
                  own; a video that it leaves out is asked for by videos.list
 
+    playlists    playlists.list: titles of playlists, and playlistItems.list: what they list
+
 Newer answers win when filtering. Only videos.list says that a video is gone, as the first call
 does not answer all or nothing; such a video becomes `missing`, and `kb purge youtube` removes it.
+So it does with a playlist that playlists.list leaves out.
 """
 
 import math
@@ -34,11 +37,24 @@ from kb.store.state.frontier import ROUND, Frontier, going_on
 from kb.youtube.crawl import quota
 from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.fetch import PACK
-from kb.youtube.crawl.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS
+from kb.youtube.crawl.phases import PHASES, PLAYLISTS_READ
+from kb.youtube.crawl.reduce import (
+    PLAYLIST_FACTS,
+    PLAYLISTS,
+    RAW_FACTS,
+    RAW_INFO,
+    RAW_STATISTICS,
+    RAW_VIDEOS,
+    REFRESH,
+    STATISTICS,
+    ListPlace,
+)
 from kb.youtube.parse import answers as parse
+from kb.youtube.parse.playlists import last_read
 from kb.youtube.section import YouTubeSection
 
-BYTES_A_CALL = {REFRESH: 60_000, STATISTICS: 3_000}  # compressed, of 50 videos
+# Compressed, of 50 videos or of a page of a playlist.
+BYTES_A_CALL = {REFRESH: 60_000, STATISTICS: 3_000, PLAYLIST_FACTS: 3_000}
 READ = Phase(
     kind=REFRESH,
     unit="videos",
@@ -58,6 +74,9 @@ COUNT = Phase(
     bucket=quota.STATISTICS,
     limited=True,
 )
+
+
+LISTS = next(phase for phase in PHASES if phase.kind == PLAYLISTS)
 
 
 class _VideoId(msgspec.Struct, gc=False):
@@ -96,7 +115,8 @@ def newest(root: Path, kind: str) -> dict[str, Reading]:
             answer = decoder.decode(line)
             shown = (answer.response.id, *(item.id for item in answer.response.items))
             there = {key for key in shown if isinstance(key, str)}
-            asked = parse.requested(answer.request.params) if kind == RAW_VIDEOS else there
+            whole = kind in (RAW_VIDEOS, RAW_FACTS)
+            asked = parse.requested(answer.request.params) if whole else there
             for key in asked:
                 before = readings.get(key)
                 if before is None or before.at <= answer.fetched_at:
@@ -112,6 +132,10 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
         _step("videos to refresh", REFRESH, len(metadata)),
         _step("statistics to refresh", STATISTICS, len(counts)),
     ]
+    if lists := _due_playlists(run, purged, older_than):
+        calls = math.ceil(len(lists) / PACK) + len(lists)
+        gb = calls * BYTES_A_CALL[PLAYLIST_FACTS] / 1e9
+        phases.append(Step("playlists", len(lists), requests=calls, units=calls, gb=gb))
     assumed = [
         f"{PACK} videos a call",
         f"statistics spend a quota of their own, {quota.STATISTICS_PER_DAY:,} units a day",
@@ -150,6 +174,16 @@ def _due(
     return metadata, counts
 
 
+def _due_playlists(run: Run, purged: Collection[str], older_than: int | None) -> list[str]:
+    """Playlists that were last read in full before so many days."""
+    most = run.profile.section(YouTubeSection).max_age_days
+    days = most if older_than is None else max(older_than, most) if older_than else 0
+    oldest = clock.now() - timedelta(days=days)
+    read = last_read(run.root)
+    due = (key for key, at in read.items() if days == 0 or clock.parse(at) < oldest)
+    return [key for key in due if key not in purged]
+
+
 def refresh(run: Run, older_than: int | None = None) -> Summary:
     """Read every video again whose metadata are older than `max_age_days`, and find out which
     videos are gone.
@@ -167,14 +201,15 @@ class YouTubeRefresh(YouTubeConnector):
 
     def __init__(self, run: Run, older_than: int | None) -> None:
         super().__init__(run)
-        self.chosen = [READ, COUNT]
+        self.chosen = [READ, COUNT, PLAYLISTS_READ, LISTS]
         self._older_than, self._goes_on = older_than, False
 
     def begin(self, opened: Opened) -> None:
         """See whether a refresh was stopped, before what has failed is opened again."""
         super().begin(opened)
         self._goes_on = any(
-            going_on(opened.frontier, phase.kind, self._older_than) for phase in self.chosen
+            going_on(opened.frontier, kind, self._older_than)
+            for kind in (REFRESH, STATISTICS, PLAYLIST_FACTS)
         )
 
     def discover(self, frontier: Frontier) -> None:
@@ -182,8 +217,13 @@ class YouTubeRefresh(YouTubeConnector):
         if not self._goes_on:
             due = _due(self.run, self.profile, self.opened.purged, self._older_than)
             with frontier.transaction():
-                for phase, keys in zip((REFRESH, STATISTICS), due, strict=True):
+                lists = _due_playlists(self.run, self.opened.purged, self._older_than)
+                for phase, keys in zip(
+                    (REFRESH, STATISTICS, PLAYLIST_FACTS), (*due, lists), strict=True
+                ):
                     frontier.replace(phase, keys)
+                frontier.add_keys(PLAYLISTS, [(key, ListPlace(key)) for key in lists])
+                frontier.mark(PLAYLISTS, lists, "todo")
                 frontier.set_cursor(ROUND, self._older_than)
         if not any(frontier.ready(phase.kind) for phase in self.chosen):
             days = self.profile.max_age_days if self._older_than is None else self._older_than
@@ -193,5 +233,5 @@ class YouTubeRefresh(YouTubeConnector):
         """What was read again, and what is left."""
         kinds = {phase.kind: session.frontier.counts(phase.kind) for phase in self.chosen}
         left = SOURCES["youtube"].left_by(kinds)
-        asked = self.of_known("refresh youtube", session, STATISTICS, REFRESH)
+        asked = self.of_known("refresh youtube", session, *kinds)
         return Summary(asked, left=sum(left.values()), left_by=left)

@@ -117,28 +117,35 @@ def requested(params: dict[str, Any]) -> list[str]:
 
 def missing(params: dict[str, Any], response: Any) -> list[str]:
     """Ids that were asked for and are not in the answer: the API leaves them out without a word."""
-    there = {item.get("id") for item in _items(response)}
+    there = {item.get("id") for item in items_of(response)}
     return [key for key in requested(params) if key not in there]
 
 
 def listed(response: Any) -> list[str]:
     """Video ids of a playlistItems.list answer, in its order; entries without one are left out."""
-    ids = []
-    for item in _items(response):
-        key = inner(item, "contentDetails", "videoId") or inner(
-            item, "snippet", "resourceId", "videoId"
-        )
-        if isinstance(key, str) and key:
-            ids.append(key)
-    return ids
+    return [key for item in items_of(response) if (key := listed_video(item)) is not None]
+
+
+def listed_video(item: Any) -> str | None:
+    """The video of an entry of a playlistItems.list answer."""
+    key = inner(item, "contentDetails", "videoId") or inner(
+        item, "snippet", "resourceId", "videoId"
+    )
+    return key if isinstance(key, str) and key else None
 
 
 def channel_hits(response: Any) -> list[str]:
     """Channel ids of a search.list answer (type channel), in its order."""
     hits = (
         inner(item, "id", "channelId") or inner(item, "snippet", "channelId")
-        for item in _items(response)
+        for item in items_of(response)
     )
+    return [key for key in hits if isinstance(key, str) and key]
+
+
+def playlist_hits(response: Any) -> list[str]:
+    """Playlist ids of a search.list answer (type playlist), in its order."""
+    hits = (inner(item, "id", "playlistId") for item in items_of(response))
     return [key for key in hits if isinstance(key, str) and key]
 
 
@@ -153,6 +160,7 @@ def _reader(name: str, kind: str, *, note_absent: bool = True) -> ColumnReader:
     return ColumnReader(table(name), kind, note_absent=note_absent)
 
 
-def _items(response: Any) -> list[dict[str, Any]]:
+def items_of(response: Any) -> list[dict[str, Any]]:
+    """The items of an answer of the Data API."""
     items = response.get("items") if isinstance(response, dict) else None
     return [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []

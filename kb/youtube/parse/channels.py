@@ -15,7 +15,7 @@ from kb.schema.coerce import inner
 from kb.youtube.parse import answers as parse
 
 CHANNEL, UPLOADS = "channel", "uploads"  # kinds of names
-KINDS = ("search", "playlist_items", "videos", "ytdlp_info", "ytdlp_playlists")
+KINDS = ("search", "playlist_items", "playlists", "videos", "ytdlp_info", "ytdlp_playlists")
 LISTS = ("UU", "UULF", "UULV", "UUSH")  # before the 22 characters of a channel's id
 
 
@@ -29,6 +29,11 @@ def channel_of(playlist: str) -> str:
     """The channel of a list of uploads."""
     prefix = max((one for one in LISTS if playlist.startswith(one)), key=len, default="UU")
     return "UC" + playlist[len(prefix) :]
+
+
+def is_uploads(playlist: str) -> bool:
+    """Whether a list is that of a channel's uploads, which nobody made by hand."""
+    return playlist.startswith(LISTS)
 
 
 class LeftOut(Collection[str]):
@@ -77,16 +82,23 @@ class ChannelFilter:
 
 
 def theirs(kind: str, params: dict[str, Any], response: Any) -> Iterator[tuple[str, str]]:
-    """(channel, video) of an answer of one of KINDS; "" where it shows a channel alone."""
+    """(channel, its video or playlist) of an answer of one of KINDS; "" where it shows a channel
+    alone.
+    """
     if not isinstance(response, dict):
         return
     items = [one for one in response.get("items") or () if isinstance(one, dict)]
     if kind == "search":
-        yield from ((channel, "") for channel in parse.channel_hits(response))
+        for one in items:
+            channel = inner(one, "id", "channelId") or inner(one, "snippet", "channelId")
+            yield str(channel), str(inner(one, "id", "playlistId") or "")
     elif kind == "playlist_items":
-        channel = channel_of(str(params.get("playlistId", "")))
-        yield from ((channel, key) for key in ("", *parse.listed(response)))
-    elif kind == "videos":
+        playlist = str(params.get("playlistId", ""))
+        channel = channel_of(playlist) if is_uploads(playlist) else ""
+        for item in (None, *items) if channel else items:
+            owner = channel or str(inner(item, "snippet", "videoOwnerChannelId"))
+            yield owner, (parse.listed_video(item) or "") if item else ""
+    elif kind in ("videos", "playlists"):
         yield from ((str(inner(one, "snippet", "channelId")), str(one.get("id"))) for one in items)
     elif kind == "ytdlp_info":
         for name in ("channel_id", "uploader_id"):
@@ -95,7 +107,8 @@ def theirs(kind: str, params: dict[str, Any], response: Any) -> Iterator[tuple[s
         own = str(response.get("id"))
         entries = [one for one in response.get("entries") or () if isinstance(one, dict)]
         yield from ((str(one.get("channel_id")), str(one.get("id"))) for one in entries)
-        yield from ((str(response.get(name)), "") for name in ("channel_id", "uploader_id"))
+        listed = "" if own.startswith((*LISTS, "UC")) else own
+        yield from ((str(response.get(name)), listed) for name in ("channel_id", "uploader_id"))
         if own.startswith((*LISTS, "UC")):  # all that it lists is the channel's
             channel = own if own.startswith("UC") else channel_of(own)
             yield from ((channel, key) for key in ("", *(str(one.get("id")) for one in entries)))

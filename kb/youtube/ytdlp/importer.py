@@ -234,7 +234,9 @@ class _Import:
             theirs.update(*(self._left_out.theirs(kind, {}, one) for one in records))
         videos = [one for one in found if one["id"] not in purged and one["id"] not in theirs]
         playlists = [
-            left[1] for one in lists if (left := self._left_out.without(RAW_PLAYLISTS, {}, one))
+            left[1]
+            for one in lists
+            if one["id"] not in purged and (left := self._left_out.without(RAW_PLAYLISTS, {}, one))
         ]
         if not (videos or playlists):
             raise _LeftOut(PURGED)

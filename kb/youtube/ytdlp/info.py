@@ -27,8 +27,7 @@ from kb.crawl.file_text import json_value, text_of
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
-from kb.schema.video_facts import NOT_PUBLIC, possible_ids
-from kb.store.rawlog import rawlog
+from kb.schema.video_facts import possible_ids
 from kb.store.walk import walk
 from kb.youtube.crawl import player
 
@@ -329,19 +328,3 @@ def _days(column: pa.ChunkedArray[Any]) -> pa.Array[Any]:
         except ValueError:
             days.append(None)
     return pa.array(days, pa.timestamp("us", "UTC"))
-
-
-_OWN = ("UU", "UC")  # a channel's list of uploads, which nobody made by hand
-
-
-def playlists(root: Path) -> dict[str, str]:
-    """By video, the first public playlist by id that lists it. Raises DamagedData."""
-    first: dict[str, str] = {}
-    for envelope in rawlog.envelopes(root, "youtube", "ytdlp_playlists"):
-        playlist = str(envelope.response["id"])
-        hidden = envelope.response.get("availability") in NOT_PUBLIC
-        left_out = hidden or playlist.startswith(_OWN)
-        for entry in () if left_out else envelope.response["entries"]:
-            video = str(entry["id"])
-            first[video] = min(playlist, first.get(video, playlist))
-    return first

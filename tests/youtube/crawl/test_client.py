@@ -52,7 +52,7 @@ def test_an_odd_answer_drops_no_keyword(job: Job) -> None:
     assert job.done(*CRAWL)["failed"] == 1
     finish(job)
     assert (
-        len([seen for seen in job.sandbox.ledger.requests("/v3/search") if seen.status == 200]) == 4
+        len([seen for seen in job.sandbox.ledger.requests("/v3/search") if seen.status == 200]) == 6
     )
 
 
@@ -97,6 +97,7 @@ def test_a_burst_without_end_is_a_block_and_found_out_by_one_request(
 
 def test_a_refresh_is_blocked_as_well_and_counts_what_failed(job: Job) -> None:
     no_patience(job)
+    job.profile(('playlist_keywords = ["Minecraft Tutorial", "Minecraft Guide"]\n', ""))
     total = job.done(*CRAWL)["crawled"]
     fault = job.sandbox.faults.add("/v3/videos", times=None, **BURST)
     before = len(job.sandbox.ledger)
@@ -127,6 +128,7 @@ def test_after_a_block_one_video_finds_out_whether_it_stands(
 ) -> None:
     no_patience(job)
     job.done(*CRAWL, "--only", "channels")
+    job.done(*CRAWL, "--only", "playlists")
     job.done(*CRAWL, "--only", "uploads")
     job.done(*CRAWL, "--only", "metadata")
     job.sandbox.faults.add("/watch", times=None, **what)

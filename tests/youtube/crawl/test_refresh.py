@@ -34,7 +34,7 @@ def test_metadata_that_are_too_old_are_read_again_in_full(job: Job) -> None:
     calls = asked(job, FULL, before)
     in_full = [key for keys in calls for key in keys]
     assert not asked(job, COUNTS, before)
-    assert [phase["items"] for phase in plan] == [len(in_full), 0]
+    assert [phase["items"] for phase in plan[:2]] == [len(in_full), 0]
     assert plan[0]["units"] == len(calls) == -(-len(in_full) // 50)
     missing = {key for key in in_full if not world[key].in_api}
     assert gone in missing

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from kb.store.rawlog import rawlog
-from kb.youtube.ytdlp.info import playlists
 from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, TrackLanguage, kind_of, language_of
 from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
@@ -337,17 +336,6 @@ def test_raw_keeps_subtitles_verbatim_and_no_address_of_an_info_json(job: Job) -
     kept = one["response"]
     assert kept["automatic_tracks"] == ["en-orig", "en", "de"]
     assert kept["chapters"] == [{"start_time": 0.0, "title": "Intro", "end_time": 20.0}]
-
-
-def test_the_first_playlist_by_id_counts_and_uploads_are_none(job: Job) -> None:
-    folder = job.place / "lists"
-    folder.mkdir()
-    for key, numbers in (("UCuploads", (5, 6, 7)), ("PLsecond", (5, 6)), ("PLfirst", (6,))):
-        entries = [info(video_id(number)) for number in numbers]
-        about = {"_type": "playlist", "id": key, "title": key, "extractor_key": "YoutubeTab"}
-        (folder / f"{key}.info.json").write_text(json.dumps({**about, "entries": entries}))
-    job.done("youtube", "import", str(folder))
-    assert playlists(job.root) == {video_id(5): "PLsecond", video_id(6): "PLfirst"}
 
 
 @pytest.mark.parametrize(

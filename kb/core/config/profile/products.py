@@ -128,11 +128,35 @@ class Scoring(Section):
     )
 
 
-class Tasks(RecipeSection):
+if TYPE_CHECKING:
+    _FromSection = RecipeSection
+else:  # `from` is a word of Python, which no class body can annotate
+    _FromSection = create_model(
+        "_FromSection",
+        __base__=RecipeSection,
+        **{
+            "from": (
+                Literal["all", "playlists"],
+                Field(
+                    "all",
+                    description="which videos give tasks: all of them, or those that a playlist"
+                    " lists, as in the paper",
+                ),
+            )
+        },
+    )
+
+
+class Tasks(_FromSection):
     """The tasks part of a profile (MineDojo paper, appendix on the benchmark: task mining)."""
 
     table = "tasks"
     about = "Tasks: titles that say what is done in a video, as prompts"
+
+    @property
+    def from_playlists(self) -> bool:
+        """Whether only what a playlist lists gives a task."""
+        return bool(getattr(self, "from") == "playlists")
 
     verbs: Phrases = Field(
         (

@@ -1,0 +1,137 @@
+"""Films: how well planted cuts and fades are found, and what a pass over a film costs
+beside decoding alone, and beside three passes: for shots, for frames of CLIP and for motion.
+
+    make bench ARGS="-k films"                        KB_BENCH_FILMS=20 for fewer events of a kind
+"""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from scenedetect import open_video
+from scenedetect.detectors import AdaptiveDetector, ThresholdDetector
+from scenedetect.scene_manager import SceneManager
+
+from kb.clips.frames import frames_at
+from kb.score.film_pass import watch_film
+from tests.bench.bench_clips import write_moving_film
+from tests.score.planted import KINDS, Planted, hits, write_planted
+
+pytestmark = pytest.mark.bench
+
+EACH = int(os.environ.get("KB_BENCH_FILMS", "300"))  # events of a kind, over all codecs
+FILMS = (
+    ("libx264", "mp4", 30),
+    ("libx264", "mp4", 60),
+    ("libvpx-vp9", "webm", 30),
+    ("libsvtav1", "mkv", 30),
+)
+SECONDS = 60
+
+
+def _cpu(work: Callable[[], object]) -> float:
+    begin = time.process_time()
+    work()
+    return time.process_time() - begin
+
+
+def test_films_cuts_and_fades(tmp_path: Path) -> None:
+    planted_s: dict[str, list[tuple[int, int, int]]] = {"cut": [], "fade": []}
+    wrong, seconds = 0, 0.0
+    for number, (codec, ending, rate) in enumerate(FILMS):
+        planted, path = Planted(number, rate, -(-EACH // len(FILMS))), tmp_path / f"a.{ending}"
+        write_planted(path, planted, rate, codec)
+        shots = watch_film(path, [], None).shots
+        for kind, within_s in (("cut", 0.1), ("fade", 0.35)):
+            there = [event.at_s for event in planted.events if event.kind == kind]
+            found = [shot.start_s for shot in shots if shot.kind == kind]
+            result = hits(there, found, within_s)
+            planted_s[kind].append(result)
+            print(f"{codec} {rate} frames a second, {kind}: F1 {result.f1:.3f} {tuple(result)}")
+        quick = Planted(100 + number, rate, -(-EACH // len(FILMS)), ("flash", "turn"))
+        write_planted(path, quick, rate, codec)
+        shots = watch_film(path, [], None).shots
+        wrong, seconds = wrong + len(shots) - 1, seconds + quick.now_s
+        print(f"  flashes and turns: {len(shots) - 1} false in {quick.now_s / 60:.1f} minutes")
+    for kind, least in (("cut", 0.95), ("fade", 0.85)):
+        there, found, right = np.sum(planted_s[kind], axis=0).tolist()
+        f1 = 2 * right / (there + found)
+        print(f"{kind}: {there} planted, {found} found, {right} right: F1 {f1:.3f}")
+        assert f1 >= least
+    print(f"flashes and turns: {wrong} false in {seconds / 60:.1f} minutes; kinds {KINDS}")
+    assert wrong <= max(1, seconds / 600)
+
+
+def test_films_cost_of_a_pass(tmp_path: Path) -> None:
+    path = tmp_path / "hd.mp4"
+    write_moving_film(path, 720, SECONDS)
+
+    def bare() -> None:
+        with av.open(str(path)) as film:
+            film.streams.video[0].codec_context.thread_count = 1
+            for _ in film.decode(video=0):
+                pass
+
+    def apart() -> None:
+        """PySceneDetect on the film, then a picture a second for CLIP, then one for motion."""
+        video, manager = open_video(str(path), backend="pyav", threading_mode=None), SceneManager()
+        manager.add_detector(AdaptiveDetector())
+        manager.add_detector(ThresholdDetector())
+        manager.detect_scenes(video)
+        times = [second + 0.5 for second in range(SECONDS)]
+        for size in ((224, 224), (90, 160)):
+            for _ in frames_at(path, times, size, "crop"):
+                pass
+
+    costs = {"bare": np.inf, "pass": np.inf, "apart": np.inf}
+    for _ in range(3):
+        costs["bare"] = min(costs["bare"], _cpu(bare))
+        costs["pass"] = min(costs["pass"], _cpu(lambda: watch_film(path, [], None)))
+        costs["apart"] = min(costs["apart"], _cpu(apart))
+    beside, three = costs["pass"] / costs["bare"], costs["pass"] / costs["apart"]
+    print(f"720p: a pass {costs['pass']:.2f} s, decoding {costs['bare']:.2f} s: {beside:.2f} times")
+    print(f"three passes {costs['apart']:.2f} s: {three:.2f} times")
+    assert beside <= 1.5
+    assert three <= 0.6
+
+
+def test_films_memory_of_twelve_hours(tmp_path: Path) -> None:
+    """With a vector of 512 dimensions for each second."""
+    path = tmp_path / "long.mkv"
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("mpeg4", rate=4)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for number in range(12 * 3600 * 4):
+            image = np.full((48, 64, 3), number // 40 % 200, np.uint8)
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        out.mux(stream.encode(None))
+    done = subprocess.run(
+        [sys.executable, "-c", _WATCHING, str(path)], check=True, capture_output=True, text=True
+    )
+    hours, vectors, mebibytes = map(float, done.stdout.split())
+    print(f"{hours:.1f} hours, {vectors:.0f} vectors: {mebibytes:.0f} MiB")
+    assert vectors > 43_000
+    assert mebibytes < 572  # 600 MB
+
+
+_WATCHING = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from kb.score.film_pass import watch_film
+
+class Model:
+    size, fit, step_s = (224, 224), "crop", 1.0
+    def frames(self, images):
+        return np.zeros((len(images), 512), np.float32)
+
+seen = watch_film(Path(sys.argv[1]), range(12 * 3600), Model())
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(seen.end_s / 3600, len(seen.vectors), peak)
+"""
