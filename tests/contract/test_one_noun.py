@@ -97,7 +97,14 @@ def test_what_is_exported_is_what_was_kept(done: Done, source: str) -> None:
 def test_phases_of_a_crawl_bear_the_nouns_of_its_summary(done: Done) -> None:
     youtube = done.steps["youtube", "crawl"]
     phases = done.status["sources"]["youtube"]["phases"]
-    assert list(phases) == ["searches", "channels", "videos", "transcripts"]
+    assert list(phases) == [
+        "searches",
+        "playlist searches",
+        "playlists",
+        "channels",
+        "videos",
+        "transcripts",
+    ]
     assert phases["channels"]["total"] == youtube["channels"]
     assert phases["transcripts"]["done"] == youtube["transcripts_asked"]
     files = done.status["sources"]["wiki"]["phases"]["image files"]

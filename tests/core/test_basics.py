@@ -174,7 +174,7 @@ def test_what_is_made_from_sources() -> None:
     assert made_of("tasks") == made_of("pairs")
     assert made_of("wiki") == ("wiki",)
     assert (*SOURCES, "pairs", "tasks", "links") == BY_DEFAULT
-    assert (*BY_DEFAULT, "open-text") == tuple(PUBLISHED)
+    assert (*BY_DEFAULT, "open-text", "draw") == tuple(PUBLISHED)
 
 
 def test_what_is_left_in_the_order_of_work() -> None:

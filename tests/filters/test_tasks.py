@@ -103,6 +103,8 @@ def test_buckets_without_rows_are_no_failure_and_every_table_is_there(
     assert {path.name for path in (tmp_path / "clean/youtube").iterdir() if path.is_dir()} == {
         "videos",
         "transcripts",
+        "playlists",
+        "playlist_videos",
         "rejected",
         "failed",
         "pending",

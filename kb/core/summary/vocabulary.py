@@ -119,6 +119,9 @@ WORDS: dict[str, Word] = {
     # Nouns.
     "channels": Word("Channels found so far.", "{n} channels"),
     "videos": Word("Videos.", "{n} videos"),
+    "playlist_videos": Word(
+        "Entries of playlists, one row per video in a playlist.", "{n} entries of playlists"
+    ),
     "transcripts": Word("Transcripts.", "{n} transcripts"),
     "youtube crawl.transcripts": Word("Transcripts that were found.", "{n} with transcripts"),
     "transcripts_asked": Word(
@@ -412,6 +415,7 @@ def count(value: Any, words: str) -> str:
 
 # Tables whose rows are something else than their name says.
 _NOUNS = {
+    "playlist_videos": "entries of playlists",
     "recipes": "slots of recipes",
     "page_text": "texts of pages",
     "page_links": "links of pages",

@@ -15,6 +15,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -80,6 +81,9 @@ from kb.youtube.ytdlp import info
 
 _log = logging.getLogger("kb.youtube")
 
+REFRESHED = "refreshed playlists"  # cursor: by playlist, when a refresh asked for its entries
+WEEK = timedelta(days=7)
+
 
 def reopen(frontier: Frontier, profile: YouTubeSection) -> None:
     """What was taken as final without being a fact, or lay beyond fewer search_pages; and tracks
@@ -122,8 +126,19 @@ def new_round(frontier: Frontier) -> None:
             searches = [key for key, *_ in frontier.items(kind)]
             frontier.remove(kind, [key for key in searches if not key.endswith("#")])
             frontier.mark(kind, [key for key in searches if key.endswith("#")], "todo")
+        just_read = _just_refreshed(frontier)
         for kind in lists:
             frontier.reopen(kind, "done", "skipped")
+        frontier.mark(PLAYLISTS, just_read, "done")
+        frontier.set_cursor(REFRESHED, None)
+
+
+def _just_refreshed(frontier: Frontier) -> list[str]:
+    """Playlists that a refresh has read in the last week: as an update does before its round."""
+    at = frontier.cursor(REFRESHED, {}, of=dict[str, str])
+    oldest = clock.now() - WEEK
+    done = (key for key, *_ in frontier.items(PLAYLISTS, "done"))
+    return [key for key in done if key in at and clock.parse(at[key]) >= oldest]
 
 
 def no_channel(run: Run, unproductive: Collection[str], channels: int) -> FatalError | None:

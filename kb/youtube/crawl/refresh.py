@@ -35,7 +35,7 @@ from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.store.state.frontier import ROUND, Frontier, going_on
 from kb.youtube.crawl import quota
-from kb.youtube.crawl.connector import YouTubeConnector
+from kb.youtube.crawl.connector import REFRESHED, YouTubeConnector
 from kb.youtube.crawl.fetch import PACK
 from kb.youtube.crawl.phases import PHASES, PLAYLISTS_READ
 from kb.youtube.crawl.reduce import (
@@ -224,6 +224,8 @@ class YouTubeRefresh(YouTubeConnector):
                     frontier.replace(phase, keys)
                 frontier.add_keys(PLAYLISTS, [(key, ListPlace(key)) for key in lists])
                 frontier.mark(PLAYLISTS, lists, "todo")
+                asked = frontier.cursor(REFRESHED, {}) | dict.fromkeys(lists, clock.stamp())
+                frontier.set_cursor(REFRESHED, asked)
                 frontier.set_cursor(ROUND, self._older_than)
         if not any(frontier.ready(phase.kind) for phase in self.chosen):
             days = self.profile.max_age_days if self._older_than is None else self._older_than

@@ -11,7 +11,7 @@ from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.youtube.job import Job
 
-PHASES = ["searches", "channels", "videos", "transcripts"]
+PHASES = ["searches", "channels", "playlists", "videos", "transcripts"]
 LATER = "2027-01-20T12:00:00Z"  # more than max_age_days after the crawl
 
 
@@ -55,8 +55,8 @@ def test_a_plan_of_what_is_left(job: Job) -> None:
     assert [phase["phase"] for phase in plan["phases"]] == PHASES
     shown = job.kb("youtube", "crawl", "--plan").stdout.splitlines()
     assert shown[1].split() == ["phase", "items", "requests", "units", "hours", "gb"]
-    assert [line.split()[0] for line in shown[2:7]] == [*PHASES, "all"]
-    assert "units left today" in shown[7]
+    assert [line.split()[0] for line in shown[2:8]] == [*PHASES, "all"]
+    assert "units left today" in shown[8]
 
 
 def test_a_plan_of_named_videos_and_of_half_of_them(job: Job, tmp_path: Path) -> None:

@@ -23,7 +23,11 @@ def test_what_new_writes_loads_to_the_defaults(tmp_path: Path) -> None:
     plain = Profile(
         name="rock-gardens",
         title="Rock Gardens",
-        youtube={"keywords": ["Rock Gardens"], "category_ids": [26]},
+        youtube={
+            "keywords": ["Rock Gardens"],
+            "playlist_keywords": ["Rock Gardens Tutorial", "Rock Gardens Guide"],
+            "category_ids": [26],
+        },
         wiki={"url": "https://gardens.wiki"},
         reddit={"subreddit": "rockgarden"},
         pairs={"keyword_files": ["keywords.tsv"]},
