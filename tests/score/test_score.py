@@ -298,6 +298,7 @@ def test_the_profiles_model_is_fetched_and_used(place: Path, here: Here) -> None
 
 
 @pytest.mark.crash
+@pytest.mark.timeout(900)  # on a busy machine: five commands load torch, some in each worker
 def test_workers_and_kills_change_no_byte(place: Path) -> None:
     """The table is the same with two workers, and after a kill before the first score or after."""
     words = ("pairs", "score", "--videos", str(place / "films"), "--model", str(place / "small.pt"))
