@@ -143,13 +143,12 @@ def reasons(
         why.append("not finished")
     reads_texts = source != name or name == "links"
     find = catalog.texts if reads_texts else partial(exported_files, catalog)
-    for one in artifact.inputs:
-        if one in stale:
-            why.append(one)
-        elif made.inputs.get(one) != PURGED and manifest.input_digest(
-            root, name, one, find
-        ) != made.inputs.get(one):
-            why.append("/".join(one.split("/")[:2]))
+    for above in artifact.inputs:
+        known = made.inputs.get(above)
+        if above in stale:
+            why.append(above)
+        elif known not in (PURGED, manifest.input_digest(root, name, above, find)):
+            why.append("/".join(above.split("/")[:2]))
     changed = changes(made, _settings_now(run, name, made))
     recipe = _unrecorded(made) if artifact.maker is not None else []
     return [*dict.fromkeys(why), *recipe, *changed]
@@ -406,9 +405,9 @@ def warning(run: Run) -> str:
     try:
         if Catalog(run.root.absolute()).is_download:
             return ""
-        names = [one for one in graph(run) if one not in (RELEASE, "report")]
-        names = [one for one in names if not one.startswith("index/")]  # a search makes them
-        names += [f"release/{one}" for one in selections(run.root)]
+        names = [name for name in graph(run) if name not in (RELEASE, "report")]
+        names = [name for name in names if not name.startswith("index/")]  # a search makes them
+        names += [f"release/{name}" for name in selections(run.root)]
         outdated = {name: why for name, why in plan(run, names).items() if why != [NEVER_MADE]}
     except (DamagedData, OSError):
         return ""

@@ -29,7 +29,7 @@ from kb.core.errors import FatalError, KbError, SettingError, UsageError
 from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.suggestions import similar
-from kb.schema.tables import Table, table, tables
+from kb.schema.tables import Table, table, tables, tables_of
 from kb.store.layout import TOP, VERDICTS, Layout, parquet_files, rows_pattern
 from kb.store.tables import parquet
 
@@ -166,8 +166,7 @@ class Catalog:
         source = name.partition("/")[0]
         if self.schema_of(source) == "release" and not any(
             column.content and column.released
-            for declared in tables().values()
-            if declared.source == source
+            for declared in tables_of(source)
             for column in declared.columns
         ):
             return []
@@ -312,7 +311,7 @@ def bare(views: Iterable[View]) -> dict[str, View]:
 
 def _main_tables(name: str) -> list[str]:
     """Of what is made of sources: the table with its name, else all of its tables."""
-    own = [declared.short for declared in tables().values() if declared.source == name]
+    own = [declared.short for declared in tables_of(name)]
     return [name] if name in own else own
 
 

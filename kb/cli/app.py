@@ -79,7 +79,7 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
         case "tasks":
             from kb.cli.commands.derived import tasks_app as app
         case "clips":
-            from kb.cli.commands.pairs import clips_app as app
+            from kb.cli.commands.clips import app
         case "label":
             from kb.cli.commands.label import app
         case "links":

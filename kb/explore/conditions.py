@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from kb.core.errors import UsageError
 from kb.explore.tables import quoted
+from kb.store.tables.reading import text_literal
 
 MOST = 6  # conditions of an address
 _EQUAL = {"is": "=", "is not": "<>"}
@@ -55,11 +56,6 @@ def sql_of(given: list[Condition], kinds: Mapping[str, str]) -> list[str]:
     return [_sql(condition, kinds) for condition in given]
 
 
-def literal(text: str) -> str:
-    """A text in SQL."""
-    return "'" + text.replace("'", "''") + "'"
-
-
 def _sql(condition: Condition, kinds: Mapping[str, str]) -> str:
     column, test, value = condition
     if column not in kinds:
@@ -68,7 +64,7 @@ def _sql(condition: Condition, kinds: Mapping[str, str]) -> str:
     if test in ("is empty", "is there"):
         return f"{name} IS {'NOT ' if test == 'is there' else ''}NULL"
     if test == "contains":
-        return f"contains(lower({name}::VARCHAR), {literal(value.lower())})"
+        return f"contains(lower({name}::VARCHAR), {text_literal(value.lower())})"
     kind = kinds[column]
     if kind == "BOOLEAN":
         if value.lower() not in ("yes", "no", "true", "false"):
@@ -83,5 +79,5 @@ def _sql(condition: Condition, kinds: Mapping[str, str]) -> str:
             raise UsageError(f"{column} is a number, not {value!r}")
     else:
         name = name if kind == "VARCHAR" else f"{name}::VARCHAR"
-        value = literal(value)
+        value = text_literal(value)
     return f"{name} {_SIGNS[test]} {value}"

@@ -20,11 +20,11 @@ from kb.explore.conditions import (
     Condition,
     conditions,
     fields,
-    literal,
     sql_of,
 )
 from kb.explore.tables import CurrentTables, page_number, quoted
 from kb.pairs.pair_selection import SCORES, asking
+from kb.store.tables.reading import text_literal
 
 (VIDEOS,) = made_of("pairs")  # the source of the videos
 ON_A_PAGE = 18  # cards: a number that fills rows of two and of three
@@ -175,11 +175,11 @@ def where_of(query: Mapping[str, str], kinds: Mapping[str, str]) -> str:
     """
     parts = []
     if keyword := query.get("keyword"):
-        parts.append(f"lower(keyword) = {literal(keyword.lower())}")
+        parts.append(f"lower(keyword) = {text_literal(keyword.lower())}")
     if kind := query.get("kind"):
-        parts.append(f"keyword_kind = {literal(kind)}")
+        parts.append(f"keyword_kind = {text_literal(kind)}")
     if cluster := query.get("cluster"):
-        parts.append(f"{literal(cluster)} IN (pair_id, duplicate_of)")
+        parts.append(f"{text_literal(cluster)} IN (pair_id, duplicate_of)")
     return " AND ".join([*parts, *sql_of(conditions(query), kinds)])
 
 

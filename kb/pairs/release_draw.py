@@ -114,8 +114,7 @@ def _write(folder: Path, made: Draw, run: Run) -> None:
     """The files of a draw, without what `kb release` adds."""
     size = run.profile.release.shard_mb * 1e6
     for split in table(TABLE).stems:
-        rows = iter(list(_rows(made, split)))
-        write_sorted(rows, folder, TABLE, shard_bytes=size, stem=split)
+        write_sorted(_rows(made, split), folder, TABLE, shard_bytes=size, stem=split)
     made.write_videos(folder / VIDEOS)
 
 

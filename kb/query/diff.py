@@ -24,7 +24,7 @@ from kb.core.errors import UsageError
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.suggestions import similar
 from kb.query.remote_duckdb import RemoteFiles, reading_views
-from kb.schema.tables import WHEN_READ, Table, table, tables
+from kb.schema.tables import WHEN_READ, Table, table, tables, tables_of
 from kb.store.layout import VERDICTS
 from kb.store.tables import database
 from kb.store.tables.reading import reading, scan
@@ -226,7 +226,7 @@ class Comparison:
 
 def _form_of(source: str, side: Mapping[str, View], other: Mapping[str, View]) -> str:
     """The schema in which a side's tables of a source are compared, "" where it has none."""
-    names = {view_name(table) for table in tables().values() if table.source == source}
+    names = {view_name(declared) for declared in tables_of(source)}
     mine, theirs = (
         [form for form in FORMS if any(f"{form}.{name}" in views for name in names)]
         for views in (side, other)

@@ -20,7 +20,7 @@ from kb.query.remote_duckdb import RemoteFiles, reading_views
 from kb.store.damage import opening
 from kb.store.state.tombstones import PERSON
 from kb.store.tables import database, parquet
-from kb.store.tables.reading import escaped, library_paths, reading, scan, sql_of
+from kb.store.tables.reading import escaped, library_paths, reading, scan, sql_of, text_literal
 from kb.store.tables.remote_files import reading_at
 
 
@@ -58,8 +58,7 @@ def connect(
     files = _make(con, views, system) | system.addresses
     # DuckDB checks the pattern, then the file.
     allowed = sorted(files | {escaped(file) for file in files})
-    quoted = ("'" + file.replace("'", "''") + "'" for file in allowed)
-    con.execute(f"SET allowed_paths = [{', '.join(quoted)}]")
+    con.execute(f"SET allowed_paths = [{', '.join(map(text_literal, allowed))}]")
     con.execute("SET python_enable_replacements = false")  # Python's variables are not tables
     con.execute("SET enable_external_access = false")
     con.execute("SET lock_configuration = true")

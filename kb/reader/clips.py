@@ -22,6 +22,7 @@ from kb.core.sources import made_of
 from kb.core.suggestions import did_you_mean, similar
 from kb.reader.hints import with_hints
 from kb.reader.tables import OpenTables, QueryResult, TableView
+from kb.store.tables.reading import text_literal
 
 Folder = str | os.PathLike[str]
 _TRAINED = ("pair_id", "video_id", "keyword", "text", "clip_start_s", "clip_end_s", "duration_s")
@@ -147,8 +148,7 @@ def _sql(opened: OpenTables, pairs: View, ranked: list[View], keyword: str | Non
     left = f"AND p.video_id NOT IN ({' UNION ALL '.join(removed)})" if removed else ""
     asked = "true"
     if keyword is not None:
-        quoted = keyword.replace("'", "''")
-        asked = f"lower(p.keyword) = lower('{quoted}')"
+        asked = f"lower(p.keyword) = lower({text_literal(keyword)})"
     return f"""
         SELECT p.pair_id, p.keyword, p.keyword_kind, p.video_id, {of_video},
             p.clip_start_s, p.clip_end_s,

@@ -9,7 +9,7 @@ from kb.core.errors import KbError
 from kb.core.sources import SourceDeclaration
 from kb.schema import raw
 from kb.schema.answer_keys import keys_of
-from kb.schema.tables import Table, tables
+from kb.schema.tables import Table, tables_of
 
 _NOT_RAW = ("envelope", "annotation", "rule")
 
@@ -18,7 +18,7 @@ def problems(source: SourceDeclaration, settings: Collection[str]) -> Iterator[s
     """Each with its file below the source's `schemas/`. `settings` are the known ones."""
     file = f"sources/{source.name}.toml"
     try:
-        declared = {name: table for name, table in tables().items() if table.source == source.name}
+        declared = {table.name: table for table in tables_of(source.name)}
         for kind in raw.kinds():
             if kind.startswith(f"{source.name}/"):
                 keys_of(kind)
@@ -56,9 +56,9 @@ def _missing_names(
 
 def _contradictions(source: SourceDeclaration, declared: Mapping[str, Table]) -> Iterator[str]:
     """What is declared in one place and makes no sense with what stands in another."""
-    for tables_of, words in (("linked", "parts"), ("indexed", "kinds")):
-        if getattr(source, tables_of) and not getattr(source, words):
-            yield f"`{tables_of}` has tables, but `{words}` says nothing"
+    for listed, words in (("linked", "parts"), ("indexed", "kinds")):
+        if getattr(source, listed) and not getattr(source, words):
+            yield f"`{listed}` has tables, but `{words}` says nothing"
     for (short, prefix), (other, longer) in permutations(source.tables.items(), 2):
         if longer.startswith(prefix):
             yield f"a key of {other} ({longer}…) may be one of {short} ({prefix}…)"
@@ -75,9 +75,8 @@ def package_problems(source: SourceDeclaration) -> Iterator[str]:
     for part in ("about.toml", "pipeline.py", "section.py"):
         if not (source.package / part).is_file():
             yield f"there is no {source.package / part}"
-    for declared in tables().values():
-        if declared.source == source.name:
-            yield from _of_table(declared)
+    for declared in tables_of(source.name):
+        yield from _of_table(declared)
 
 
 def _of_table(declared: Table) -> Iterator[str]:

@@ -235,13 +235,14 @@ def table(name: str) -> Table:
         ) from None
 
 
+def tables_of(source: str) -> list[Table]:
+    """The declared tables of a source, or of what is made of sources, by name."""
+    return [declared for declared in tables().values() if declared.source == source]
+
+
 def released_tables(source: str) -> list[Table]:
-    """The declared tables of a source that go into release/, in the order of their names."""
-    return [
-        declared
-        for declared in tables().values()
-        if declared.source == source and declared.released
-    ]
+    """Those of them that go into release/."""
+    return [declared for declared in tables_of(source) if declared.released]
 
 
 def load_table(path: Path) -> Table:

@@ -210,7 +210,12 @@ def score_video(
         loaded = _model(model, device)
         absent = 0
         try:
-            seen, vectors = _seen(at, video_id, name, loaded, Path(film) if film else None, rows)
+            vectors = vectors_of(at, video_id, name)
+            if vectors.film != digest:
+                vectors = Vectors(digest, {}, vectors.texts)
+            current = seen if seen is not None and seen.film == digest else None
+            path = Path(film) if film else None
+            seen = _completed(at, current, vectors, loaded, name, path, rows)
             known = [row for row in rows if not _lacking(row, seen, vectors, loaded.step_s)]
             absent = len(rows) - len(known)
             scores = {row[0]: row[1:] for row in scores_of(known, seen, vectors, loaded)}
@@ -224,25 +229,25 @@ def score_video(
         forget_film(at, video_id)
 
 
-def _seen(
-    root: Path, video_id: str, name: str, model: ClipModel, film: Path | None, rows: Sequence[Row]
-) -> tuple[SeenFilm, Vectors]:
-    """What is stored of a film, with what these pairs need besides: of the film's frames, where it
-    is there, and of the texts.
+def _completed(
+    root: Path,
+    seen: SeenFilm | None,
+    vectors: Vectors,
+    model: ClipModel,
+    name: str,
+    film: Path | None,
+    rows: Sequence[Row],
+) -> SeenFilm:
+    """What was seen of a film. Sees it and adds vectors where these pairs need what is not stored:
+    of the film's frames, where it is there, and of the texts.
     """
-    seen, vectors = seen_film(root, video_id), vectors_of(root, video_id, name)
-    digest = film_digest(film) if film is not None else None
-    if seen is not None and digest not in (None, seen.film):
-        seen = None  # another file of the same video
-    current = seen.film if seen is not None else digest
-    if vectors.film != current:
-        vectors = Vectors(str(current), {}, vectors.texts)
+    video_id = rows[0]["video_id"]
     lacking = {tick for row in rows for tick in _lacking(row, seen, vectors, model.step_s)}
     if film is not None and (seen is None or lacking):
         watched = watch_film(film, sorted(lacking), model)
         vectors.frames |= dict(zip(watched.ticks.tolist(), watched.vectors, strict=True))
         if seen is None:
-            seen = keep_film(root, video_id, str(digest), watched)
+            seen = keep_film(root, video_id, vectors.film, watched)
     if texts := vectors.without([row["text"] for row in rows]):
         embedded = model.texts(texts).astype(np.float16)
         vectors.texts |= dict(zip(map(text_key, texts), embedded, strict=True))
@@ -250,7 +255,7 @@ def _seen(
         keep_vectors(root, video_id, name, vectors)
     if seen is None:
         raise FileNotFoundError
-    return seen, vectors
+    return seen
 
 
 def _lacking(row: Row, seen: SeenFilm | None, vectors: Vectors, step: float) -> list[int]:

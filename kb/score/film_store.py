@@ -163,11 +163,7 @@ def unite(run: Run, roots: Sequence[Path]) -> int:
     WriterLocked.
     """
     brought = 0
-    purged = {
-        key
-        for source in made_of("pairs")
-        for key in tombstones.tombstone_rows(run.root, source)["key"].to_pylist()
-    }
+    purged = {key for source in made_of("pairs") for key in tombstones.keys(run.root, source)}
     with writer(run.root, "pairs"):
         for root in roots:
             for path in sorted(Layout(root).films.glob("*/*.npz")):

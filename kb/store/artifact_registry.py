@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kb.core.sources import PUBLISHED, SELECTIONS, SOURCES, made_of, selection_of
-from kb.schema.tables import tables
+from kb.schema.tables import released_tables, tables_of
 from kb.store.layout import Layout
 
 MANIFEST = "_manifest.json"
@@ -190,7 +190,7 @@ def _kept() -> Iterator[Artifact]:
 
 
 def _clean(source: str) -> Artifact:
-    own = tuple(declared.name for declared in tables().values() if declared.source == source)
+    own = tuple(declared.name for declared in tables_of(source))
     return Artifact(
         f"clean/{source}",
         (f"raw/{source}",),
@@ -211,7 +211,7 @@ def _made(name: str) -> Artifact:
         (*(f"clean/{source}" for source in made_of(name)), *PUBLISHED[name].inputs),
         f"kb {name}",
         name,
-        tuple(declared.name for declared in tables().values() if declared.source == name),
+        tuple(declared.name for declared in tables_of(name)),
         linked if name == "links" else (),
         maker=Maker(name, "tables"),
         settings=PUBLISHED[name].decided_by,
@@ -220,11 +220,7 @@ def _made(name: str) -> Artifact:
 
 
 def _released(name: str) -> Artifact:
-    own = tuple(
-        declared.name
-        for declared in tables().values()
-        if declared.source == name and declared.released
-    )
+    own = tuple(declared.name for declared in released_tables(name))
     owner = PUBLISHED[name].part_of
     reads = tuple(f"{owner}/{short}" for short in SOURCES[owner].indexed) if owner else own
     return Artifact(
@@ -244,7 +240,7 @@ def _released(name: str) -> Artifact:
 
 def _selected(name: str) -> Artifact:
     """What a command has selected stays as it is until the command selects again."""
-    own = tuple(one.name for one in tables().values() if one.source == name)
+    own = tuple(declared.name for declared in tables_of(name))
     return Artifact(
         f"release/{name}",
         (f"release/{PUBLISHED[name].selected_from}",),

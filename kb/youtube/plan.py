@@ -43,7 +43,7 @@ from kb.youtube.section import YouTubeSection
 CHANNELS_A_PAGE = 25  # results without duplicates
 PLAYLISTS_A_PAGE = 40
 VIDEOS_A_CHANNEL = 200
-VIDEOS_A_PLAYLIST = 30  # most of which a channel's uploads list as well
+VIDEOS_A_PLAYLIST = 30  # on one page; most of which a channel's uploads list as well
 WORTH_A_TRANSCRIPT = 0.6  # of videos, pass category, views, aspect ratio, duration, age
 BYTES = {
     RAW_SEARCH: 6_000,
@@ -75,7 +75,6 @@ def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
     sizes = _bytes_each(run, state)
     answers = {
         RAW_SEARCH: calls["search"],
-        RAW_LIST: calls["playlist_items"],
         RAW_VIDEOS: calls["videos"],
         RAW_TRANSCRIPTS: left["transcripts"],
     }
@@ -212,7 +211,7 @@ def _next_round(profile: YouTubeSection, kinds: dict[str, dict[str, int]]) -> di
         "channels": lists,
         "pages": lists,
         "playlists": playlists,
-        "playlist_pages": math.ceil(playlists * max(1, VIDEOS_A_PLAYLIST / PACK)),
+        "playlist_pages": playlists,
         "videos": 0,
         "transcripts": to_read(kinds, TRANSCRIPTS),
     }
@@ -231,7 +230,7 @@ def _left(state: dict[str, Any], rates: dict[str, float]) -> dict[str, int]:
         "channels": channels,
         "pages": max(channels, math.ceil(unlisted / PACK)),
         "playlists": playlists,
-        "playlist_pages": max(playlists, math.ceil(playlists * VIDEOS_A_PLAYLIST / PACK)),
+        "playlist_pages": playlists,
         "videos": videos,
         "transcripts": to_read(kinds, TRANSCRIPTS) + round(videos * rates["worth_a_transcript"]),
     }

@@ -238,7 +238,7 @@ def update(
 
 def _step(run: Run, source: str, step: str) -> Summary:
     """Run one command of an update."""
-    # An unfinished round goes on; a finished one is followed by the next.
+    # An unfinished round continues; after a finished one the next begins.
     as_run = replace(run, again=step.endswith(" crawl"))
     if step.startswith("purge "):  # what it removes is made again by the build at the end
         purged: Summary = Recipe("purge").defined("purge")(as_run, source, None, build=False)

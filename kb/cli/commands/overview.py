@@ -21,7 +21,8 @@ from kb.core.summary import vocabulary
 from kb.crawl.job import STOPPED
 from kb.crawl.session import replay_missing_state
 from kb.registry import SOURCES as CLASSES
-from kb.schema.tables import tables as declared
+from kb.schema.tables import tables as declared_tables
+from kb.schema.tables import tables_of
 from kb.store import lock
 from kb.store.layout import TOP, VERDICTS, Layout, parquet_files
 from kb.store.rawlog import rawlog
@@ -123,7 +124,7 @@ def _replay_missing_states(run: Run) -> None:
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     """Progress, quota, age and rows of a source; empty without data of it."""
     of, state = SOURCES[source], Layout(run.root).state(source)
-    own = (table.short for table in declared().values() if table.source == source)
+    own = (declared.short for declared in tables_of(source))
     clean = {short: Layout(run.root).clean(source, short) for short in (*own, *VERDICTS)}
     tables = _in_order({short: rows(path) for short, path in clean.items() if parquet_files(path)})
     released, restored = (
@@ -207,7 +208,7 @@ def _waiting(root: Path, source: str) -> dict[str, int]:
 
 def _schema_rows(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
     """Rows by table of a source in one schema of the catalog, such as release or restored."""
-    named = {f"{schema}.{view_name(table)}": table for table in declared().values()}
+    named = {f"{schema}.{view_name(table)}": table for table in declared_tables().values()}
     counts: dict[str, int] = {}
     for view in catalog.views:
         table = named.get(view.full)

@@ -28,7 +28,7 @@ from kb.schema.tables import Column
 from kb.store.artifact_registry import of_table
 from kb.store.layout import Layout
 from kb.store.tables import database, parquet
-from kb.store.tables.reading import reading, scan
+from kb.store.tables.reading import reading, scan, text_literal
 
 _LONGEST_ID = 16  # characters of ids, types and full names; anything longer is content
 
@@ -179,18 +179,13 @@ def _rules(column: Column, *, ids_only: bool) -> list[tuple[str, str, str]]:
         invalid = f"length({name}) > {_LONGEST_ID} OR regexp_matches({name}, '[\\s/@]')"
         rules.append(("content", invalid, "contains text that is not an id"))
     if column.values:
-        allowed = ", ".join(_quoted(value) for value in column.values)
+        allowed = ", ".join(text_literal(value) for value in column.values)
         what = f"contains other values than {', '.join(column.values)}"
         rules.append(("content", f"{name} NOT IN ({allowed})", what))
     if column.pattern:
-        invalid = f"NOT regexp_full_match({name}, {_quoted(column.pattern)})"
+        invalid = f"NOT regexp_full_match({name}, {text_literal(column.pattern)})"
         rules.append(("content", invalid, f"contains other values than {column.pattern}"))
     return rules
-
-
-def _quoted(text: str) -> str:
-    escaped = text.replace("'", "''")
-    return f"'{escaped}'"
 
 
 def check_rows(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> list[GateProblem]:

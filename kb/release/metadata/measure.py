@@ -20,7 +20,7 @@ from kb.core.licences import KNOWN
 from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.release.gate.contents import personal_counts
 from kb.schema import Column, Table, released_tables
-from kb.schema.tables import tables
+from kb.schema.tables import tables_of
 from kb.store.layout import VERDICTS, Layout, parquet_files
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
@@ -296,8 +296,9 @@ def _ways(con: DuckDBPyConnection, root: Path, source: str) -> Iterator[Way]:
             if answers == recorded.absent or not at.raw(source).is_dir():
                 continue
         counts, known, undated = [], [], 0
-        own = (declared for declared in tables().values() if declared.source == source)
-        for declared in sorted(own, key=lambda table: (table.short != of.main, table.name)):
+        for declared in sorted(
+            tables_of(source), key=lambda table: (table.short != of.main, table.name)
+        ):
             files = at.rows(declared.name)
             if not files or not recorded.column or recorded.column not in declared.names():
                 continue

@@ -135,7 +135,12 @@ def sql_of(paths: Sequence[str], lines: bool) -> str:
 
 def literal(path: Path | str) -> str:
     """A path in SQL as DuckDB takes it: a name may hold quotes and what would be a pattern."""
-    return "'" + escaped(str(path)).replace("'", "''") + "'"
+    return text_literal(escaped(str(path)))
+
+
+def text_literal(text: str) -> str:
+    """A text in SQL."""
+    return "'" + text.replace("'", "''") + "'"
 
 
 def escaped(path: str) -> str:

@@ -27,6 +27,7 @@ PLAYLISTS_READ = Phase(
     service=API,
     bucket=GENERAL,
 )
+PLAYLIST_PAGES = Phase(kind=PLAYLISTS, unit="pages", feeds=(VIDEOS,), service=API, bucket=GENERAL)
 PHASES = (
     Phase(
         kind=VIDEOS,
@@ -39,7 +40,7 @@ PHASES = (
         bucket=GENERAL,
     ),
     Phase(kind=UPLOADS, unit="pages", feeds=(VIDEOS,), service=API, bucket=GENERAL),
-    Phase(kind=PLAYLISTS, unit="pages", feeds=(VIDEOS,), service=API, bucket=GENERAL),
+    PLAYLIST_PAGES,
     PLAYLISTS_READ,
     Phase(kind=SEARCHES, unit="pages", feeds=(UPLOADS,), service=API, bucket=SEARCH),
     Phase(

@@ -37,7 +37,7 @@ from kb.store.state.frontier import ROUND, Frontier, going_on
 from kb.youtube.crawl import quota
 from kb.youtube.crawl.connector import REFRESHED, YouTubeConnector
 from kb.youtube.crawl.fetch import PACK
-from kb.youtube.crawl.phases import PHASES, PLAYLISTS_READ
+from kb.youtube.crawl.phases import PLAYLIST_PAGES, PLAYLISTS_READ
 from kb.youtube.crawl.reduce import (
     PLAYLIST_FACTS,
     PLAYLISTS,
@@ -55,6 +55,7 @@ from kb.youtube.section import YouTubeSection
 
 # Compressed, of 50 videos or of a page of a playlist.
 BYTES_A_CALL = {REFRESH: 60_000, STATISTICS: 3_000, PLAYLIST_FACTS: 3_000}
+_QUEUED = (REFRESH, STATISTICS, PLAYLIST_FACTS)  # by a refresh, and by it alone
 READ = Phase(
     kind=REFRESH,
     unit="videos",
@@ -74,9 +75,6 @@ COUNT = Phase(
     bucket=quota.STATISTICS,
     limited=True,
 )
-
-
-LISTS = next(phase for phase in PHASES if phase.kind == PLAYLISTS)
 
 
 class _VideoId(msgspec.Struct, gc=False):
@@ -201,16 +199,13 @@ class YouTubeRefresh(YouTubeConnector):
 
     def __init__(self, run: Run, older_than: int | None) -> None:
         super().__init__(run)
-        self.chosen = [READ, COUNT, PLAYLISTS_READ, LISTS]
+        self.chosen = [READ, COUNT, PLAYLISTS_READ, PLAYLIST_PAGES]
         self._older_than, self._goes_on = older_than, False
 
     def begin(self, opened: Opened) -> None:
         """See whether a refresh was stopped, before what has failed is opened again."""
         super().begin(opened)
-        self._goes_on = any(
-            going_on(opened.frontier, kind, self._older_than)
-            for kind in (REFRESH, STATISTICS, PLAYLIST_FACTS)
-        )
+        self._goes_on = any(going_on(opened.frontier, kind, self._older_than) for kind in _QUEUED)
 
     def discover(self, frontier: Frontier) -> None:
         """What is due, unless the last refresh has left something."""
@@ -218,10 +213,8 @@ class YouTubeRefresh(YouTubeConnector):
             due = _due(self.run, self.profile, self.opened.purged, self._older_than)
             with frontier.transaction():
                 lists = _due_playlists(self.run, self.opened.purged, self._older_than)
-                for phase, keys in zip(
-                    (REFRESH, STATISTICS, PLAYLIST_FACTS), (*due, lists), strict=True
-                ):
-                    frontier.replace(phase, keys)
+                for kind, keys in zip(_QUEUED, (*due, lists), strict=True):
+                    frontier.replace(kind, keys)
                 frontier.add_keys(PLAYLISTS, [(key, ListPlace(key)) for key in lists])
                 frontier.mark(PLAYLISTS, lists, "todo")
                 asked = frontier.cursor(REFRESHED, {}) | dict.fromkeys(lists, clock.stamp())
