@@ -36,7 +36,7 @@ class ClipPage(NamedTuple):
 def read(desk: JudgeDesk, query: Mapping[str, str]) -> ClipPage:
     """The page of an address. Raises UsageError for times that are none."""
     video, start, end = query.get("video", ""), *_times(query)
-    film, why = film_of(desk, video)
+    film, why = _look_for(desk, video)
     place = urlencode({"video": video, "start": start, "end": end})
     times = (math.floor(start), math.ceil(end)) if end else None
     part = f"#t={start:g},{end:g}" if end else ""
@@ -51,11 +51,21 @@ def read(desk: JudgeDesk, query: Mapping[str, str]) -> ClipPage:
 
 
 def film_of(desk: JudgeDesk, video: str) -> tuple[Path | None, str]:
-    """The user's own file of a video; None and why, where there is none."""
+    """The user's own file of a video, as its page found it, since a player asks for a film in many
+    parts; None and why, where there is none.
+    """
+    film = desk.films.get(video)
+    return (film, "") if film is not None and film.is_file() else _look_for(desk, video)
+
+
+def _look_for(desk: JudgeDesk, video: str) -> tuple[Path | None, str]:
+    """The same, looked for in all folders."""
+    desk.films.clear()
     if not desk.videos:
         return None, ""
     length = described(desk.judge.run.root, [{"video_id": video}]).get(video)
     found = find_films(desk.videos, {video: length.length_s if length else None})
+    desk.films.update(found.films)
     film = found.films.get(video)
     return film, "" if film else found.reason(video)[1]
 

@@ -99,11 +99,14 @@ class JudgePage:
 
 @dataclass(frozen=True)
 class JudgeDesk:
-    """The person who judges, and where their films are. `token` is another one at each start."""
+    """The person who judges, and where their films are. `token` is another one at each start;
+    `films` has the one that was found last, by video.
+    """
 
     judge: Judge
     videos: tuple[Path, ...] = ()
     token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
+    films: dict[str, Path] = field(default_factory=dict)
     _known: dict[tuple[str, str], tuple[DescribedVideo, str, str]] = field(default_factory=dict)
 
     def surroundings_of(
