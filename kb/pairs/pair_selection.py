@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import duckdb
 
 from kb.core.errors import DamagedData, FatalError, UsageError
+from kb.store.exhausted import is_out_of_memory
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import scan
 
@@ -116,6 +117,8 @@ def checked(con: duckdb.DuckDBPyConnection, asked: str, where: str) -> str:
             raise duckdb.ParserException("it is more than a condition")
         con.sql(asked)
     except duckdb.Error as error:
+        if is_out_of_memory(error):
+            raise
         raise UsageError(
             f"--where {where!r} is not a valid condition: {database.one_line(error)}",
             hint="write a condition on the columns of pairs and quality, such as language = 'en'",

@@ -22,6 +22,7 @@ from kb.core.sources import made_of
 from kb.core.suggestions import did_you_mean, similar
 from kb.reader.hints import with_hints
 from kb.reader.tables import OpenTables, QueryResult, TableView
+from kb.store.exhausted import is_out_of_memory
 from kb.store.tables.reading import text_literal
 
 Folder = str | os.PathLike[str]
@@ -99,6 +100,8 @@ def find(
         try:
             ids = pq.read_table(drawn, columns=["pair_id", "split"])
         except (OSError, pa.ArrowException) as error:
+            if is_out_of_memory(error):
+                raise
             raise UsageError(
                 f"{drawn} is not a file of drawn pairs",
                 hint="give pairs.parquet of `kb pairs draw`",

@@ -12,8 +12,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import duckdb
-
 from kb.artifacts import manifest, release_folder
 from kb.artifacts.data_roots import is_root
 from kb.artifacts.table_catalog import Catalog, empty, existing
@@ -28,7 +26,7 @@ from kb.store.layout import VERDICTS, Layout, parquet_files
 from kb.store.state import tombstones
 from kb.store.tables import checksums, database
 from kb.store.tables.checksums import read_small, short_lines
-from kb.store.tables.reading import scan
+from kb.store.tables.reading import reading, scan
 from kb.store.walk import walk
 from kb.verify import raw
 from kb.verify.files import NEIGHBOURS, FileVerifier, irregular, problem
@@ -250,9 +248,9 @@ def _two_answers(findings: Findings, root: Path, source: str) -> None:
     try:
         parts = [f"SELECT {key} AS key FROM {scan(files)}" for key, files in keys if files]
         sql = f"SELECT count(*) - count(DISTINCT key) FROM ({' UNION ALL '.join(parts)})"
-        with database.over(all_files, root) as con:
+        with reading(all_files), database.over(all_files, root) as con:
             more = (con.execute(sql).fetchone() or (0,))[0]
-    except (duckdb.Error, DamagedData) as error:
+    except DamagedData as error:
         findings.damaged("clean", clean, str(error).splitlines()[0], remedy(clean / "x"))
         return
     if more:

@@ -74,7 +74,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the limit is not kept")
-@pytest.mark.parametrize("limit", [400, 700])
+@pytest.mark.parametrize("limit", [400, 700, 780])
 @pytest.mark.parametrize("command", ["verify", "query", "youtube filter"])
 def test_a_command_with_little_memory_says_so(root: Path, command: str, limit: int) -> None:
     words = {"query": ("query", "SELECT max(title), count(*) FROM youtube_videos")}

@@ -25,6 +25,7 @@ from kb.release.gate.tables import numbered
 from kb.release.metadata.measure import folder_licence, licences
 from kb.release.metadata.zenodo import Document
 from kb.store.artifact_registry import ARTIFACTS, SUMS
+from kb.store.exhausted import is_out_of_memory
 from kb.store.tables import database, parquet
 from kb.store.tables.checksums import digest
 
@@ -110,6 +111,8 @@ def check_archives(folder: ReleaseFolder) -> list[GateProblem]:
                 ' WHERE coalesce(bytes, 0) < "offset" + size GROUP BY 1 ORDER BY 1'
             ).fetchall()
         except duckdb.Error as error:
+            if is_out_of_memory(error):
+                raise
             return [*problems, damaged(f"{source}/{INDEX}", error, rerun)]
         for tar, files in cut:
             what = (
