@@ -9,6 +9,8 @@ does. What lasts nearly as long can't be told from the video: a copy from which 
 
 from __future__ import annotations
 
+import hashlib
+import os
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -33,6 +35,7 @@ _ENDINGS = frozenset(
 _CHAPTER = re.compile(r".* - [0-9]{3,} .*")
 _END = 10**13  # µs; beyond the end of every film
 _THREADS = 8  # that wait for disks
+_DIGEST_ENDS = 1 << 20  # bytes of the beginning and the end of a film that its digest is of
 
 
 class Found(NamedTuple):
@@ -124,6 +127,19 @@ def _choose(paths: list[Path], video_s: float | None) -> Path | tuple[str, str]:
         lengths = f"the film lasts {film_s:.1f} s, the video {video_s:g} s"
         refused.setdefault(FILM_DIFFERS, f"{lengths} ({path.name})")
     return min(refused.items())  # another film says more than a file that does not open
+
+
+def film_digest(path: Path) -> str:
+    """A digest of a film's size, beginning and end; "" where it can't be read."""
+    try:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            digest = hashlib.sha256(f"{size} ".encode() + file.read(_DIGEST_ENDS))
+            file.seek(max(0, size - _DIGEST_ENDS))
+            digest.update(file.read(_DIGEST_ENDS))
+    except OSError:
+        return ""
+    return digest.hexdigest()[:32]
 
 
 def film_length_s(path: Path) -> float:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, cast
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.options import Films, OnlyPairs, Plan
+from kb.cli.framework.options import CLUSTER, Films, OnlyPairs, Part, Plan, parse_part
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
@@ -35,7 +35,7 @@ class FrameFit(StrEnum):
 
 @command(
     app,
-    uses=("workers",),
+    uses=CLUSTER,
     json="pairs, clips, missing, short, undecodable, film_differs, videos, unknown_length, path",
     planned=(
         "videos",
@@ -44,6 +44,7 @@ class FrameFit(StrEnum):
         "where",
         "sample",
         "within_shot",
+        "part",
         "size",
         "frames",
         "format",
@@ -55,6 +56,7 @@ class FrameFit(StrEnum):
         "kb clips --videos films --out clips               webdataset shards, 16 frames per clip",
         "kb clips --videos films --keyword creeper --sample 100 --format npz",
         "kb clips --videos films --pairs draw/pairs.parquet   those that `kb pairs draw` drew",
+        "kb clips --videos films --part 1/3                   the first of three machines",
     ],
 )
 def clips(
@@ -100,13 +102,15 @@ def clips(
             help="Of each clip only the stretch without a cut, as `kb pairs score` has seen it.",
         ),
     ] = False,
+    part: Part = None,
     plan: Plan = False,
 ) -> Summary:
     """Cut the clips of pairs out of video files that you have.
 
     Files are found by the video's id: ID.mp4, TITLE [ID].webm, ID/video.mkv. The frames are those
     shown at the centres of equal parts of the clip. Every pair without a clip is in left_out.csv
-    with the reason. A run that was stopped resumes. Lorecrawl downloads no video.
+    with the reason. A run that was stopped resumes. With --part the files of all parts, copied into
+    one folder, are those of one machine. Lorecrawl downloads no video.
     """
     from kb.clips import build
     from kb.clips.clip_files import CutOptions
@@ -121,8 +125,8 @@ def clips(
         cast("Any", format.value),
         run.profile.clips.jpeg_quality,
     )
-    folders = [folder.expanduser() for folder in videos]
-    chosen = build.Chosen(keyword, pairs, where, sample, within_shot)
+    folders = [folder.expanduser().absolute() for folder in videos]
+    chosen = build.Chosen(keyword, pairs, where, sample, within_shot, parse_part(part))
     if plan:
         return build.plan(run, folders, options, chosen)
     return build.build(run, folders, out, options, chosen)
