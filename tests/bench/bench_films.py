@@ -43,7 +43,7 @@ def _cpu(work: Callable[[], object]) -> float:
 
 def test_films_cuts_and_fades(tmp_path: Path) -> None:
     planted_s: dict[str, list[tuple[int, int, int]]] = {"cut": [], "fade": []}
-    wrong, seconds = 0, 0.0
+    wrong, seconds, dissolves = 0, 0.0, np.zeros(2, int)
     for number, (codec, ending, rate) in enumerate(FILMS):
         planted, path = Planted(number, rate, -(-EACH // len(FILMS))), tmp_path / f"a.{ending}"
         write_planted(path, planted, rate, codec)
@@ -54,6 +54,9 @@ def test_films_cuts_and_fades(tmp_path: Path) -> None:
             result = hits(there, found, within_s)
             planted_s[kind].append(result)
             print(f"{codec} {rate} frames a second, {kind}: F1 {result.f1:.3f} {tuple(result)}")
+        starts = [shot.start_s for shot in shots]
+        mixed = [event.at_s for event in planted.events if event.kind == "dissolve"]
+        dissolves += (len(mixed), hits(mixed, starts, 0.6).right)
         quick = Planted(100 + number, rate, -(-EACH // len(FILMS)), ("flash", "turn"))
         write_planted(path, quick, rate, codec)
         shots = watch_film(path, [], None).shots
@@ -64,6 +67,7 @@ def test_films_cuts_and_fades(tmp_path: Path) -> None:
         f1 = 2 * right / (there + found)
         print(f"{kind}: {there} planted, {found} found, {right} right: F1 {f1:.3f}")
         assert f1 >= least
+    print(f"dissolves: {dissolves[0]} planted, at {dissolves[1]} of them a cut or fade was found")
     print(f"flashes and turns: {wrong} false in {seconds / 60:.1f} minutes; kinds {KINDS}")
     assert wrong <= max(1, seconds / 600)
 
