@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from kb.reader import load
 
 __all__ = ["__version__", "load"]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 os.environ |= ENVIRONMENT
 # Arrow's own pool returns large blocks at once: a third of decoding went into asking the kernel for

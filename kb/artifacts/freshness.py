@@ -15,12 +15,12 @@ import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from kb import __version__
 from kb.artifacts import index, manifest
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.table_catalog import Catalog
@@ -234,7 +234,7 @@ def _release_settings(run: Run) -> dict[str, Any]:
     texts_ = run.profile.path.read_bytes() if run.profile.path.is_file() else b""
     values = _values(run.profile, ("",))
     made_with = {
-        "lorecrawl": version("lorecrawl"),
+        "lorecrawl": __version__,
         "lock file": (lock_digest() or "")[:12],
         "SOURCE_DATE_EPOCH": os.environ.get("SOURCE_DATE_EPOCH"),
     }

@@ -25,12 +25,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from kb import __version__
 from kb.core.sources import SOURCES
 from kb.store import damage
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST, SUMS, artifact_of, of_table
@@ -138,7 +138,7 @@ def new_manifest(
     figures: dict[str, Any] | None = None,
 ) -> Manifest:
     """The manifest of an artifact that is made now."""
-    artifact, made_by = ARTIFACTS[name], version("lorecrawl")
+    artifact, made_by = ARTIFACTS[name], __version__
     return Manifest(
         name, artifact.command, made_by, inputs, settings, artifact.rules, files, figures or {}
     )
