@@ -62,8 +62,8 @@ def find_films(folders: Iterable[Path], lengths_s: Mapping[str, float | None]) -
         lengths = [lengths_s[video_id] or None for video_id in named]
         chosen = threads.map(_choose, named.values(), lengths)
         verdicts = dict(zip(named, chosen, strict=True))
-    films = {key: one for key, one in verdicts.items() if isinstance(one, Path)}
-    refused = {key: one for key, one in verdicts.items() if not isinstance(one, Path)}
+    films = {key: path for key, path in verdicts.items() if isinstance(path, Path)}
+    refused = {key: why for key, why in verdicts.items() if not isinstance(why, Path)}
     return Found(films, refused, sum(not lengths_s[key] for key in films))
 
 
@@ -81,7 +81,7 @@ def candidates(folders: Iterable[Path], ids: Collection[str]) -> dict[str, list[
     for path in _films_below(folders):
         stem = without_stream(path.stem)
         named = (*possible_ids(stem), path.parent.name)
-        if key := next((one for one in named if one in wanted), ""):
+        if key := next((name for name in named if name in wanted), ""):
             (whole if stem == path.stem else streams)[key].append(path)
     for some in streams.values():
         some.sort(key=lambda path: -path.stat().st_size)
@@ -170,9 +170,9 @@ def _end(film: av.container.InputContainer, *, seeks: bool) -> Fraction | None:
     import av  # noqa: PLC0415
 
     cover = av.stream.Disposition.attached_pic
-    streams = [one for one in film.streams if one.type in ("audio", "video")]
-    streams = [one for one in streams if not one.disposition & cover]
-    if not any(one.type == "video" for one in streams):
+    streams = [stream for stream in film.streams if stream.type in ("audio", "video")]
+    streams = [stream for stream in streams if not stream.disposition & cover]
+    if not any(stream.type == "video" for stream in streams):
         raise UndecodableVideo("no video stream")
     end: Fraction | None = None
     try:

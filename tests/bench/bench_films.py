@@ -1,5 +1,6 @@
-"""Films: how well planted cuts and fades are found, and what a pass over a film costs
-beside decoding alone, and beside three passes: for shots, for frames of CLIP and for motion.
+"""Films: how well planted cuts and fades are found; what a pass over a film costs beside decoding
+alone, and beside three passes: for shots, for frames of CLIP and for motion; how many clips a
+second two workers cut beside one; and the memory that twelve hours take.
 
     make bench ARGS="-k films"                        KB_BENCH_FILMS=20 for fewer events of a kind
 """
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -18,9 +20,13 @@ from scenedetect import open_video
 from scenedetect.detectors import AdaptiveDetector, ThresholdDetector
 from scenedetect.scene_manager import SceneManager
 
+from kb.clips import build
+from kb.clips.clip_files import CutOptions
 from kb.clips.frames import frames_at
 from kb.score.film_pass import watch_film
 from tests.bench.bench_clips import write_moving_film
+from tests.release.conftest import a_run
+from tests.release.made import build as made_root
 from tests.score.planted import KINDS, Planted, hits, write_planted
 
 pytestmark = pytest.mark.bench
@@ -103,6 +109,34 @@ def test_films_cost_of_a_pass(tmp_path: Path) -> None:
     print(f"three passes {costs['apart']:.2f} s: {three:.2f} times")
     assert beside <= 1.5
     assert three <= 0.6
+
+
+def test_films_clips_a_second_of_two_workers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each worker decodes on one thread. Beside other programs the ratio says little, so it is
+    printed alone then.
+    """
+    load = os.getloadavg()[0]
+    monkeypatch.setattr(build, "_VIDEOS", 1)  # a shard, and a task, for each film
+    root = made_root(tmp_path / "root", sources=("pairs",), n=16, export=False)
+    (root / "state").mkdir()
+    films = tmp_path / "films"
+    films.mkdir()
+    write_moving_film(tmp_path / "hd.mp4", 720, SECONDS)
+    for number in range(16):
+        (films / f"vid{number:08d}.mp4").hardlink_to(tmp_path / "hd.mp4")
+    seconds = {1: np.inf, 2: np.inf}
+    for turn in range(2):
+        for workers in (1, 2):
+            begin, out = time.monotonic(), tmp_path / f"{workers}-{turn}"
+            run = replace(a_run(root), workers=workers)
+            clips = build.build(run, [films], out, CutOptions(), build.Chosen())["clips"]
+            seconds[workers] = min(seconds[workers], time.monotonic() - begin)
+    ratio = seconds[1] / seconds[2]
+    print(f"{clips / seconds[1]:.1f} clips a second of one worker; two: {ratio:.2f} times as many")
+    print(f"load of the machine before: {load:.1f}")
+    assert ratio >= 1.7 or load > 0.5
 
 
 def test_films_memory_of_twelve_hours(tmp_path: Path) -> None:
