@@ -20,7 +20,6 @@ from typing import Any
 
 import msgspec
 
-from kb import __version__
 from kb.artifacts import index, manifest
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.table_catalog import Catalog
@@ -38,6 +37,7 @@ from kb.store.checkpoint import installed
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
+from kb.version import __version__
 
 MODEL = "KB_TOXICITY_MODEL"
 FORMATS = tuple(dict.fromkeys(name for one in PUBLISHED.values() for name in one.formats))

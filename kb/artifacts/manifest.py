@@ -30,7 +30,6 @@ from typing import Any
 
 import msgspec
 
-from kb import __version__
 from kb.core.sources import SOURCES
 from kb.store import damage
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST, SUMS, artifact_of, of_table
@@ -43,6 +42,7 @@ from kb.store.tables import checksums, parquet
 from kb.store.tables.checksums import FileEntry
 from kb.store.tables.parquet import content_digest
 from kb.store.walk import files_below
+from kb.version import __version__
 
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
 _ABSENT = 1_000  # of the names of shards that are not there
