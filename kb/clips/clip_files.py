@@ -31,8 +31,8 @@ class CutOptions(msgspec.Struct, frozen=True):
 
 
 class LeftOut(msgspec.Struct, frozen=True):
-    """A pair without a clip. `reason`: missing, short, undecodable or film_differs; `what` says
-    more.
+    """A pair without a clip. `reason`: missing, short, undecodable, film_differs or not_aligned;
+    `what` says more.
     """
 
     pair_id: str

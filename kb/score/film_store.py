@@ -33,6 +33,7 @@ from kb.store.lock import writer
 from kb.store.state import tombstones
 
 FILM = "film"
+WINDOW_S = 20.0  # vectors are kept from so long before a phrase to so long after it
 _KINDS = (START, CUT, FADE)
 _ENDS = 1 << 20  # bytes of the beginning and the end of a film that its digest is of
 _FIX = "remove it, then run `kb pairs score` with the film again"
@@ -72,6 +73,12 @@ class Vectors:
     def without(self, texts: Sequence[str]) -> list[str]:
         """Those of the texts that have no vector yet, each once."""
         return [text for text in dict.fromkeys(texts) if text_key(text) not in self.texts]
+
+
+def span(start_s: float, end_s: float, step: float) -> np.ndarray:
+    """The places on the grid of a film, (tick + ½) · step, that lie in a span; one at least."""
+    first = round(np.ceil(start_s / step - 0.5))
+    return np.arange(first, max(first, round(np.floor(end_s / step - 0.5))) + 1)
 
 
 def text_key(text: str) -> str:
@@ -159,7 +166,7 @@ def seen_videos(root: Path) -> list[str]:
 
 
 def stored_model(root: Path, asked: str = "") -> str:
-    """The model by which vectors are stored. `asked`: its name, that name up to the digest behind @,
+    """The model by which vectors are stored. `asked`: its name, the part of it before the digest,
     or the file that it was read from. Raises UsageError for none, and for more than one.
     """
     names = sorted({path.stem for path in Layout(root).films.glob("*/*.npz")} - {FILM})
@@ -170,7 +177,9 @@ def stored_model(root: Path, asked: str = "") -> str:
     wanted = {asked, Path(asked).name, Path(asked).stem}
     chosen = [name for name in names if not asked or wanted & {name, name.rpartition("@")[0]}]
     if len(chosen) != 1:
-        what = f"no vectors by {asked} are stored" if asked else "vectors by several models are stored"
+        what = (
+            f"no vectors by {asked} are stored" if asked else "vectors by several models are stored"
+        )
         raise UsageError(what, hint=f"give --model one of {', '.join(chosen or names)}")
     return chosen[0]
 
