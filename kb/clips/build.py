@@ -28,6 +28,7 @@ import msgspec
 from kb.artifacts import freshness, table_catalog
 from kb.artifacts.table_catalog import Catalog
 from kb.clips.clip_files import (
+    NOT_ALIGNED,
     CutOptions,
     LeftOut,
     Row,
@@ -57,7 +58,7 @@ _VIDEOS = 16  # of a shard
 _BATCH = 2048  # rows that are read at a time
 _MEMORY = "1GB"  # of DuckDB, which spills what is more
 _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
-SHORT, NOT_ALIGNED = "short", "not_aligned"
+SHORT = "short"
 _REASONS = (MISSING, SHORT, UNDECODABLE, FILM_DIFFERS, NOT_ALIGNED)
 _COLUMNS = "pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, text"
 

@@ -18,6 +18,7 @@ from kb.store.atomic import writing
 from kb.store.damage import read_note
 
 Row = dict[str, Any]
+NOT_ALIGNED = "not_aligned"  # a reason why a pair has no clip
 
 
 class CutOptions(msgspec.Struct, frozen=True):
