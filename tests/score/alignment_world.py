@@ -24,7 +24,7 @@ KINDS = ("before", "with", "after", "never")
 FILLER = (
     "and you to about it so that than day up more because not now time once ask was for with on but"
     " my of if long be what or then told old are part next have as later first"
-).split()
+)
 PROFILE = """\
 name = "shapes"
 title = "Minecraft"
@@ -64,7 +64,7 @@ class AlignmentWorld:
             for place in range(mentions):
                 keyword, kind = rng.choice(names), KINDS[(number + place) % 4]
                 while at < every_s * (place + 1) - 5:
-                    lines.append(self._line(at, rng.choices(FILLER, k=6)))
+                    lines.append(self._line(at, rng.choices(FILLER.split(), k=6)))
                     at += 4
                 at = float(every_s * (place + 1))
                 lines.append(self._line(at, ["so", *keyword.lower().split(), "is", "not", "old"]))
