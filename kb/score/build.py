@@ -239,6 +239,7 @@ def _completed(
         embedded = model.texts(texts).astype(np.float16)
         vectors.texts |= dict(zip(map(text_key, texts), embedded, strict=True))
     if lacking or texts:
+        vectors.step_s = model.step_s
         keep_vectors(root, video_id, name, vectors)
     if seen is None:
         raise FileNotFoundError

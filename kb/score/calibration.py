@@ -5,6 +5,12 @@ of equal size by similarity: the share that shows it, with its 95 % interval; ho
 tells the two apart (area under the curve); and from which similarity on the share is as high as the
 profile wants. Without judgements nothing of that is known, and no threshold is shipped.
 
+The MineDojo paper compares its model with people by F1: K-means with K = 2 over the scores of
+judged clips, where a score above the middle of the two means counts as a yes (Fan et al.,
+"MineDojo", 2022, evaluation of Creative tasks). In one dimension the best two clusters are found
+exactly. F1 is 2p / (1 + p), where p is the share of yes by both among the clips with a yes by the
+score or by people, so the ends of p's interval give those of F1.
+
 Source of the interval of the area: Hanley and McNeil, Radiology 143 (1982).
 """
 
@@ -30,7 +36,7 @@ _BINS = 10
 _LEAST = 20  # judged pairs from which on a threshold is proposed
 _SQL = """
 SELECT item_id, avg((answer = 'yes')::INT) FROM {labels}
-WHERE kind = 'pair' AND question = 'visible' AND answer IN ('yes', 'no')
+WHERE kind = 'pair' AND question = '{question}' AND answer IN ('yes', 'no')
 GROUP BY item_id HAVING avg((answer = 'yes')::INT) <> 0.5"""  # a tie says nothing
 
 
@@ -57,14 +63,10 @@ def _quantiles(column: pa.ChunkedArray[Any]) -> dict[str, Any]:
 
 def _calibrated(root: Path, scores: pa.Table, wanted: float) -> dict[str, Any]:
     """What judgements say of similarities; {"judged": 0} without any."""
-    files = table_catalog.read_catalog(root).files("labels/labels")
-    if not files:
-        return {"judged": 0}
-    with database.connect(root) as con:
-        answers = dict(con.sql(_SQL.format(labels=scan(files))).fetchall())
+    answers = judgements(root, "visible")
     judged = scores.filter(pc.is_in(scores["pair_id"], pa.array(list(answers), pa.string())))
     both = sorted(
-        (row["similarity"], answers[row["pair_id"]] > 0.5)
+        (row["similarity"], answers[row["pair_id"]])
         for row in judged.select(["pair_id", "similarity"]).to_pylist()
     )
     if not both:
@@ -85,7 +87,18 @@ def _calibrated(root: Path, scores: pa.Table, wanted: float) -> dict[str, Any]:
         "auc": area(score[seen], score[~seen]),
         "wanted_precision": wanted,
         "reached_from": _reached(score, seen, wanted),
+        "f1": f1_of_clusters(score, seen),
     }
+
+
+def judgements(root: Path, question: str) -> dict[str, bool]:
+    """What most people answered to a question about pairs, by the pair's id. Raises DamagedData."""
+    files = table_catalog.read_catalog(root).files("labels/labels")
+    if not files:
+        return {}
+    with database.connect(root) as con:
+        answers = con.sql(_SQL.format(labels=scan(files), question=question)).fetchall()
+    return {pair_id: share > 0.5 for pair_id, share in answers}
 
 
 def area(right: np.ndarray, wrong: np.ndarray) -> dict[str, Any] | None:
@@ -107,6 +120,30 @@ def area(right: np.ndarray, wrong: np.ndarray) -> dict[str, Any] | None:
         "high": round(min(1.0, share + half), 4),
         "right": n,
         "wrong": m,
+    }
+
+
+def f1_of_clusters(scores: np.ndarray, visible: np.ndarray) -> dict[str, Any] | None:
+    """F1 as the paper counts it, with its 95 % interval. None where all scores are equal."""
+    ordered = np.sort(scores.astype(np.float64))
+    count, sums = np.arange(1, len(ordered)), np.cumsum(ordered)
+    ends = np.flatnonzero(np.diff(ordered)) if len(ordered) else count  # equals stay together
+    if not len(ends):
+        return None
+    low = sums[ends] / count[ends]
+    high = (sums[-1] - sums[ends]) / (len(ordered) - count[ends])
+    apart = count[ends] * (len(ordered) - count[ends]) * (high - low) ** 2
+    best = int(np.argmax(apart))
+    boundary = float((low[best] + high[best]) / 2)
+    right = scores > boundary
+    both, either = int((right & visible).sum()), int((right | visible).sum())
+    shared = share_of(both, either)
+    f1 = {name: round(2 * shared[name] / (1 + shared[name]), 4) for name in ("low", "high")}
+    return {
+        "f1": round(2 * both / (both + either), 4),
+        **f1,
+        "n": len(scores),
+        "boundary": round(boundary, 4),
     }
 
 

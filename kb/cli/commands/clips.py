@@ -10,7 +10,17 @@ from typing import Annotated, Any, cast
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.options import CLUSTER, Films, OnlyPairs, Part, Plan, parse_part
+from kb.cli.framework.options import (
+    CLUSTER,
+    Alignable,
+    Aligned,
+    Films,
+    OnlyPairs,
+    Part,
+    Plan,
+    least_alignable,
+    parse_part,
+)
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
@@ -36,7 +46,8 @@ class FrameFit(StrEnum):
 @command(
     app,
     uses=CLUSTER,
-    json="pairs, clips, missing, short, undecodable, film_differs, videos, unknown_length, path",
+    json="pairs, clips, missing, short, undecodable, film_differs, not_aligned, videos,"
+    " unknown_length, path",
     planned=(
         "videos",
         "keyword",
@@ -45,6 +56,8 @@ class FrameFit(StrEnum):
         "sample",
         "within_shot",
         "part",
+        "aligned",
+        "alignable",
         "size",
         "frames",
         "format",
@@ -57,6 +70,7 @@ class FrameFit(StrEnum):
         "kb clips --videos films --keyword creeper --sample 100 --format npz",
         "kb clips --videos films --pairs draw/pairs.parquet   those that `kb pairs draw` drew",
         "kb clips --videos films --part 1/3                   the first of three machines",
+        "kb clips --videos films --aligned --alignable 0.5    at times that `kb pairs align` found",
     ],
 )
 def clips(
@@ -103,6 +117,8 @@ def clips(
         ),
     ] = False,
     part: Part = None,
+    aligned: Aligned = False,
+    alignable: Alignable = None,
     plan: Plan = False,
 ) -> Summary:
     """Cut the clips of pairs out of video files that you have.
@@ -126,7 +142,11 @@ def clips(
         run.profile.clips.jpeg_quality,
     )
     folders = [folder.expanduser().absolute() for folder in videos]
-    chosen = build.Chosen(keyword, pairs, where, sample, within_shot, parse_part(part))
+    least = least_alignable(aligned, alignable)
+    if aligned and within_shot:
+        raise SettingError("--within-shot can't be combined with --aligned: it is of spoken times")
+    own = parse_part(part)
+    chosen = build.Chosen(keyword, pairs, where, sample, within_shot, own, aligned=least)
     if plan:
         return build.plan(run, folders, options, chosen)
     return build.build(run, folders, out, options, chosen)
