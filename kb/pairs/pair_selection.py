@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from kb.artifacts.table_catalog import Catalog
 
 SCORES = ("model", "similarity", "margin", "best_offset_s", "static_share", "frames")
-FIGURES = ("cuts", "cut_free_start_s", "cut_free_end_s", "motion", "static_share", "dark_share")
+FIGURES = (
+    *("cuts", "cut_free_start_s", "cut_free_end_s", "motion", "static_share", "dark_share"),
+    "visual_duplicate_of",
+)
 LABELS = ("visible", "described", "on_time")  # questions about pairs
 
 

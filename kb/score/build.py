@@ -212,7 +212,7 @@ def score_video(
         try:
             vectors = vectors_of(at, video_id, name)
             if vectors.film != digest:
-                vectors = Vectors(digest, {}, vectors.texts)
+                vectors = Vectors(digest, {}, vectors.texts, loaded.step_s)
             current = seen if seen is not None and seen.film == digest else None
             path = Path(film) if film else None
             seen = _completed(at, current, vectors, loaded, name, path, rows)

@@ -8,6 +8,8 @@ dark_share    the share of the clip's sampled pictures whose mean value is below
 cut_free_…    the stretch of the clip between two cuts or fades that contains the middle of the
               matched phrase
 
+visual_…      of clips that show the same (kb.score.visual_duplicates)
+
 Everything is computed of what `kb.score.film_store` has, so no film is opened.
 """
 
@@ -20,12 +22,13 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from kb.artifacts import manifest
+from kb.artifacts import manifest, measures
 from kb.core.context import Run
 from kb.core.installation import np
 from kb.schema.tables import table
 from kb.score.film_pass import SAMPLE_S
 from kb.score.film_store import SeenFilm, seen_film, seen_videos
+from kb.score.visual_duplicates import CLIP, visual_duplicates
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST
 from kb.store.layout import Layout
 from kb.store.tables import database
@@ -42,7 +45,7 @@ _DIGITS = 4
 
 
 class FilmFigures(NamedTuple):
-    """Of a pair; the columns of schemas/tables/films/film_figures.toml behind the ids."""
+    """Of a pair and its film alone; columns of schemas/tables/films/film_figures.toml."""
 
     cuts: int
     cut_free_start_s: float
@@ -104,15 +107,22 @@ def _shot_rows(run: Run, videos: Iterable[str]) -> Iterator[tuple[Any, ...]]:
 def _figure_rows(run: Run, videos: list[str]) -> Iterator[tuple[Any, ...]]:
     with database.connect(run.root) as con:
         con.register("seen", pa.table({"video_id": pa.array(videos, pa.string())}))
-        reader = con.sql(f"""
+        asked = f"""
             SELECT {_COLUMNS} FROM {scan(Layout(run.root).rows("pairs/pairs"))}
-            SEMI JOIN seen USING (video_id) ORDER BY video_id, pair_id""").to_arrow_reader()
+            SEMI JOIN seen USING (video_id) ORDER BY video_id, pair_id"""
+        scored = measures.read_measures(Layout(run.root).pairs).get("scores", {"models": []})
+        duplicates: dict[str, str] = {}
+        for model in scored["models"]:  # the one that scored the pairs
+            clips = con.sql(f"SELECT {CLIP} FROM ({asked})").to_arrow_table()
+            duplicates = visual_duplicates(run.root, model, clips)
+        reader = con.sql(asked).to_arrow_reader()
         rows = (row for batch in reader for row in batch.to_pylist())
         for video, own in groupby(rows, key=itemgetter("video_id")):
             seen = seen_film(run.root, video)
             for row in own:
                 if seen is not None and row["clip_start_s"] < seen.end_s:
-                    yield row["pair_id"], video, *figures_of(row, seen)
+                    pair_id = row["pair_id"]
+                    yield pair_id, video, *figures_of(row, seen), duplicates.get(pair_id)
 
 
 def _rounded(value: Any) -> float:

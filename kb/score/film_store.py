@@ -51,11 +51,14 @@ class SeenFilm:
 
 @dataclass
 class Vectors:
-    """Of frames by their place on the model's grid, and of texts by their SHA-256; float16."""
+    """Of frames by their place on the model's grid, (tick + ½) · step_s, and of texts by their
+    SHA-256; float16.
+    """
 
     film: str = ""
     frames: dict[int, np.ndarray] = field(default_factory=dict)
     texts: dict[str, np.ndarray] = field(default_factory=dict)
+    step_s: float = 1.0
 
     def of_frames(self, ticks: Sequence[int]) -> np.ndarray:
         """The vectors of these places: float32 [frames, width]."""
@@ -129,6 +132,7 @@ def vectors_of(root: Path, video_id: str, model: str) -> Vectors:
         str(arrays["film"]),
         dict(zip(arrays["ticks"].tolist(), arrays["frames"], strict=True)),
         dict(zip(arrays["keys"].tolist(), arrays["texts"], strict=True)),
+        float(arrays.get("step_s", 1.0)),
     )
 
 
@@ -139,6 +143,7 @@ def keep_vectors(root: Path, video_id: str, model: str, vectors: Vectors) -> Non
         _place(root, video_id, model),
         {
             "film": np.array(vectors.film),
+            "step_s": np.array(vectors.step_s),
             "ticks": np.array(ticks, np.int64),
             "frames": _stacked([vectors.frames[tick] for tick in ticks]).astype(np.float16),
             "keys": np.array(keys, "U64"),
@@ -186,7 +191,8 @@ def _bring(home: Path, root: Path, video_id: str, name: str) -> bool:
     ours, theirs = vectors_of(home, video_id, name), vectors_of(root, video_id, name)
     if ours.film != theirs.film:
         return False
-    united = Vectors(ours.film, theirs.frames | ours.frames, theirs.texts | ours.texts)
+    frames, texts = theirs.frames | ours.frames, theirs.texts | ours.texts
+    united = Vectors(ours.film, frames, texts, ours.step_s)
     if (len(united.frames), len(united.texts)) == (len(ours.frames), len(ours.texts)):
         return False
     keep_vectors(home, video_id, name, united)
