@@ -24,11 +24,11 @@ SPEECH = (
 )
 
 
-def files_of_a_player(place: Path) -> None:
-    """A folder of yt-dlp with eight videos of two channels, and a dump of a thread."""
+def files_of_a_player(place: Path, count: int = 8) -> None:
+    """A folder of yt-dlp with videos of two channels, and a dump of a thread."""
     videos = place / "videos"
     videos.mkdir()
-    for number in range(8):
+    for number in range(count):
         key = video_id(number)
         about = info(
             key, title=f"Sicilian game {number}", channel_id=f"UC{number % 2:022d}", tags=["chess"]

@@ -23,6 +23,12 @@ def public(sandbox: Sandbox) -> list[Playlist]:
     return [one for one in searched_playlists(sandbox) if one.privacy == "public"]
 
 
+def playlist_pages(sandbox: Sandbox, since: int) -> list[LoggedRequest]:
+    """Requests for pages of playlists that are no channel's uploads."""
+    asked = sandbox.ledger.requests("/v3/playlistItems", since=since)
+    return [request for request in asked if not request.args["playlistId"].startswith("UU")]
+
+
 def kept_places(job: Job, playlist: Playlist) -> dict[str, int]:
     """Where the playlist lists kept videos first."""
     kept = {row["video_id"] for row in job.rows("SELECT video_id FROM clean.youtube_videos")}
@@ -61,7 +67,7 @@ def test_from_a_search_to_the_tables(job: Job) -> None:
     job.done(*CRAWL, "--only", "playlists")
     assert len(sandbox.ledger) == again
     job.done(*CRAWL)
-    assert len(sandbox.ledger.requests("/v3/playlistItems.*PL", since=again)) == 0
+    assert playlist_pages(sandbox, again) == []
     filtered = job.done("youtube", "filter")
     check_tables(job, public(sandbox))
     by_phrase = {row["playlist_id"]: row["keyword"] for row in job.rows(LISTS)}
@@ -139,6 +145,54 @@ def test_playlists_by_their_addresses_and_their_end(job: Job) -> None:
     assert job.rows(LISTS) == [] == job.rows(ENTRIES)
     for kind in ("playlists", "playlist_items"):
         assert found.id not in json.dumps(job.raw(kind))
+
+
+def test_a_playlist_of_5000_entries_costs_its_pages(job: Job) -> None:
+    world = job.sandbox.world.youtube
+    long = next(playlist for playlist in world.playlists if playlist.teaches)
+    videos = list(world.videos.values())
+    long.entries[:] = [videos[number % len(videos)] for number in range(5000)]
+    (job.place / "lists.txt").write_text(f"https://www.youtube.com/playlist?list={long.id}\n")
+    summary = job.done(*CRAWL, "--ids", "lists.txt", "--only", "playlists", "--limit", "3", code=3)
+    assert summary["waits_for"]
+    job.done(*CRAWL, "--ids", "lists.txt")
+    pages = job.sandbox.ledger.requests("/v3/playlistItems")
+    assert len(pages) == 100
+    job.done("youtube", "filter")
+    check_tables(job, [long])
+    (row,) = job.rows(LISTS)
+    assert row["item_count"] == 5000
+
+
+def test_a_refresh_of_playlists_goes_on_where_a_quota_stopped_it(job: Job) -> None:
+    job.done(*CRAWL)
+    lists = len(public(job.sandbox))
+    quota, words = job.sandbox.world.quota, ("refresh", "youtube", "--older-than", "0")
+    before = len(job.sandbox.ledger)
+    enough = quota["general"]
+    quota["general"] = job.sandbox.ledger.units() + 4
+    job.done(*words, code=3)
+    assert 0 < len(playlist_pages(job.sandbox, before)) < lists
+    quota["general"] = enough
+    job.done(*words, KB_NOW="2026-11-21T12:00:00Z")
+    ledger = job.sandbox.ledger
+    pages = playlist_pages(job.sandbox, before)
+    assert len([page for page in pages if page.status == 200]) == lists
+    asked = ledger.requests("/v3/playlists", since=before)
+    titles = [key for request in asked for key in request.args["id"].split(",")]
+    assert len(titles) == len(set(titles))
+
+
+@pytest.mark.parametrize(("days", "reads_again"), [(6, False), (8, True)])
+def test_a_round_passes_over_playlists_that_were_just_refreshed(
+    job: Job, days: int, reads_again: bool
+) -> None:
+    job.done(*CRAWL)
+    job.done("refresh", "youtube", "--older-than", "0")
+    before = len(job.sandbox.ledger)
+    job.done(*CRAWL, "--again", KB_NOW=f"2026-11-{20 + days}T12:00:00Z")
+    read = {request.args["playlistId"] for request in playlist_pages(job.sandbox, before)}
+    assert bool(read & {playlist.id for playlist in public(job.sandbox)}) == reads_again
 
 
 def test_a_purged_playlist_and_one_of_a_channel_that_left(job: Job) -> None:

@@ -130,10 +130,12 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
         _step("videos to refresh", REFRESH, len(metadata)),
         _step("statistics to refresh", STATISTICS, len(counts)),
     ]
-    if lists := _due_playlists(run, purged, older_than):
-        calls = math.ceil(len(lists) / PACK) + len(lists)
+    titles, lists = _due_playlists(run, purged, older_than)
+    if titles or lists:
+        calls = math.ceil(len(titles) / PACK) + len(lists)
         gb = calls * BYTES_A_CALL[PLAYLIST_FACTS] / 1e9
-        phases.append(Step("playlists", len(lists), requests=calls, units=calls, gb=gb))
+        items = len({*titles, *lists})
+        phases.append(Step("playlists", items, requests=calls, units=calls, gb=gb))
     assumed = [
         f"{PACK} videos a call",
         f"statistics spend a quota of their own, {quota.STATISTICS_PER_DAY:,} units a day",
@@ -172,14 +174,20 @@ def _due(
     return metadata, counts
 
 
-def _due_playlists(run: Run, purged: Collection[str], older_than: int | None) -> list[str]:
-    """Playlists that were last read in full before so many days."""
+def _due_playlists(
+    run: Run, purged: Collection[str], older_than: int | None
+) -> tuple[list[str], list[str]]:
+    """Playlists whose titles, and those whose entries, were last read before so many days."""
     most = run.profile.section(YouTubeSection).max_age_days
     days = most if older_than is None else max(older_than, most) if older_than else 0
     oldest = clock.now() - timedelta(days=days)
-    read = last_read(run.root)
-    due = (key for key, at in read.items() if days == 0 or clock.parse(at) < oldest)
-    return [key for key in due if key not in purged]
+
+    def is_due(at: str | None) -> bool:
+        return bool(at) and (days == 0 or clock.parse(at or "") < oldest)
+
+    read = {key: at for key, at in last_read(run.root).items() if key not in purged}
+    titles = [key for key, at in read.items() if is_due(at.facts)]
+    return titles, [key for key, at in read.items() if is_due(at.entries)]
 
 
 def refresh(run: Run, older_than: int | None = None) -> Summary:
@@ -205,15 +213,21 @@ class YouTubeRefresh(YouTubeConnector):
     def begin(self, opened: Opened) -> None:
         """See whether a refresh was stopped, before what has failed is opened again."""
         super().begin(opened)
-        self._goes_on = any(going_on(opened.frontier, kind, self._older_than) for kind in _QUEUED)
+        frontier = opened.frontier
+        asked = frontier.cursor(REFRESHED, {}, of=dict[str, str])
+        lists_left = any(key in asked for key, *_ in frontier.items(PLAYLISTS, "todo"))
+        self._goes_on = any(
+            going_on(frontier, kind, self._older_than)
+            for kind in (*_QUEUED, *((PLAYLISTS,) if lists_left else ()))
+        )
 
     def discover(self, frontier: Frontier) -> None:
         """What is due, unless the last refresh has left something."""
         if not self._goes_on:
             due = _due(self.run, self.profile, self.opened.purged, self._older_than)
             with frontier.transaction():
-                lists = _due_playlists(self.run, self.opened.purged, self._older_than)
-                for kind, keys in zip(_QUEUED, (*due, lists), strict=True):
+                titles, lists = _due_playlists(self.run, self.opened.purged, self._older_than)
+                for kind, keys in zip(_QUEUED, (*due, titles), strict=True):
                     frontier.replace(kind, keys)
                 frontier.add_keys(PLAYLISTS, [(key, ListPlace(key)) for key in lists])
                 frontier.mark(PLAYLISTS, lists, "todo")

@@ -176,16 +176,23 @@ _TAKES = {
 }
 
 
-def last_read(root: Path) -> dict[str, str]:
-    """When each playlist of the service was last read: its title or its entries, whichever is
-    older. Raises DamagedData.
-    """
-    read: dict[str, str] = {}
-    for key, one in playlists(root).items():
-        times = [part.at for part in (one.facts, one.newest) if part is not None and part.at]
-        if times and one.left_out not in ("not_found", "not_public"):
-            read[key] = min(times)
-    return read
+class LastRead(NamedTuple):
+    """When a playlist's title and owner were last read, and when its entries were (RFC 3339)."""
+
+    facts: str | None
+    entries: str | None
+
+
+def last_read(root: Path) -> dict[str, LastRead]:
+    """Of each playlist that the service has. Raises DamagedData."""
+    return {
+        key: LastRead(
+            known.facts.at if known.facts is not None else None,
+            known.newest.at if known.newest is not None else None,
+        )
+        for key, known in playlists(root).items()
+        if known.left_out not in ("not_found", "not_public")
+    }
 
 
 class PlaylistTables:
