@@ -28,6 +28,7 @@ import msgspec
 from kb.artifacts import freshness, table_catalog
 from kb.artifacts.table_catalog import Catalog
 from kb.clips.clip_files import (
+    NOT_ALIGNED,
     CutOptions,
     LeftOut,
     Row,
@@ -58,6 +59,7 @@ _BATCH = 2048  # rows that are read at a time
 _MEMORY = "1GB"  # of DuckDB, which spills what is more
 _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
 SHORT = "short"
+_REASONS = (MISSING, SHORT, UNDECODABLE, FILM_DIFFERS, NOT_ALIGNED)
 _COLUMNS = "pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, text"
 
 
@@ -65,7 +67,8 @@ class Chosen(NamedTuple):
     """Which pairs: of a keyword, of a file with `pair_id`, by a condition in DuckDB's SQL on the
     columns of pairs and quality (or of the file), a sample of so many. `within_shot`: those whose
     film was seen, and of each clip the stretch without a cut. `part`: (2, 4) for the second of four
-    parts of their videos.
+    parts of their videos. `aligned`: times of `kb pairs align`, of pairs that are alignable at
+    least so much; the others have none.
     """
 
     keyword: str = ""
@@ -74,6 +77,7 @@ class Chosen(NamedTuple):
     sample: int | None = None
     within_shot: bool = False
     part: tuple[int, int] | None = None
+    aligned: float | None = None
 
 
 class Selection(NamedTuple):
@@ -92,19 +96,19 @@ def plan(run: Run, folders: Sequence[Path], options: CutOptions, chosen: Chosen)
     clips, left_out = 0, Counter[str]()
     seconds = 0.0
     with selected(run, folders, chosen, _COLUMNS) as (found, _, rows):
-        for own in rows:
-            if own[0]["video_id"] in found.films:
-                clips += len(own)
-                seconds += sum(row["clip_end_s"] - row["clip_start_s"] for row in own)
+        for row in (row for own in rows for row in own):
+            if lack := _lack(row, found):
+                left_out[lack.reason] += 1
             else:
-                left_out[found.reason(own[0]["video_id"])[0]] += len(own)
+                clips += 1
+                seconds += row["clip_end_s"] - row["clip_start_s"]
     height, width = options.size
     share = _JPEG_SHARE if options.format == "webdataset" else 1
     size = clips * options.frames * height * width * 3 * share
     return Summary(
         command="clips",
         pairs=clips + left_out.total(),
-        **{reason: left_out[reason] for reason in (MISSING, UNDECODABLE, FILM_DIFFERS)},
+        **{r: left_out[r] for r in (MISSING, UNDECODABLE, FILM_DIFFERS, NOT_ALIGNED)},
         videos=len(found.films),
         unknown_length=found.unknown,
         hours=round(seconds / 3600, 2),
@@ -116,7 +120,7 @@ def build(
     run: Run, folders: Sequence[Path], out: Path, options: CutOptions, chosen: Chosen
 ) -> Summary:
     """Cut the clips that are not cut yet. pairs = clips + missing + short + undecodable +
-    film_differs.
+    film_differs + not_aligned.
 
     Raises FatalError without pairs, UsageError for a wrong folder, MissingExtra, DiskFull,
     Interrupted; the same call resumes.
@@ -140,15 +144,11 @@ def build(
         def todo() -> Iterator[tuple[str, str, list[tuple[str, list[Row]]], CutOptions]]:
             for at in starts:
                 shard = list(islice(rows, _VIDEOS))
-                left_out.extend(
-                    LeftOut(row["pair_id"], row["video_id"], *found.reason(row["video_id"]))
-                    for own in shard
-                    for row in own
-                    if row["video_id"] not in films
-                )
-                with_film = (own for own in shard if own[0]["video_id"] in films)
+                lacks = [_lack(row, found) for own in shard for row in own]
+                left_out.extend(lack for lack in lacks if lack is not None)
                 if at in names:
-                    cut_from = [(str(films[own[0]["video_id"]]), own) for own in with_film]
+                    timed = ([row for row in own if _lack(row, found) is None] for own in shard)
+                    cut_from = [(str(films[own[0]["video_id"]]), own) for own in timed if own]
                     yield str(place), names[at], cut_from, options
 
         with (
@@ -165,11 +165,21 @@ def build(
         command="clips",
         pairs=clips + len(left_out),
         clips=clips,
-        **{reason: counts[reason] for reason in (MISSING, SHORT, UNDECODABLE, FILM_DIFFERS)},
+        **{reason: counts[reason] for reason in _REASONS},
         videos=len(films),
         unknown_length=found.unknown,
         path=str(place),
     )
+
+
+def _lack(row: Row, found: Found) -> LeftOut | None:
+    """Why a pair has no clip, as far as is known before its film is opened."""
+    pair_id, video_id = row["pair_id"], row["video_id"]
+    if row["clip_start_s"] is None:
+        return LeftOut(pair_id, video_id, NOT_ALIGNED, "not alignable enough, or not known to be")
+    if video_id not in found.films:
+        return LeftOut(pair_id, video_id, *found.reason(video_id))
+    return None
 
 
 def _require() -> None:
@@ -190,7 +200,13 @@ def selected(
             raise UsageError(f"--videos {folder} is not a folder")
     freshness.refuse(run, "pairs")
     catalog = table_catalog.read_catalog(run.root)
-    asked = asking(catalog, chosen.pairs, chosen.where, within_shot=chosen.within_shot)
+    asked = asking(
+        catalog,
+        chosen.pairs,
+        chosen.where,
+        within_shot=chosen.within_shot,
+        aligned=chosen.aligned,
+    )
     number, parts = chosen.part or (1, 1)
     values = {
         "number": number - 1,

@@ -18,6 +18,7 @@ from kb.store.atomic import writing
 from kb.store.damage import read_note
 
 Row = dict[str, Any]
+NOT_ALIGNED = "not_aligned"  # a reason why a pair has no clip
 
 
 class CutOptions(msgspec.Struct, frozen=True):
@@ -31,8 +32,8 @@ class CutOptions(msgspec.Struct, frozen=True):
 
 
 class LeftOut(msgspec.Struct, frozen=True):
-    """A pair without a clip. `reason`: missing, short, undecodable or film_differs; `what` says
-    more.
+    """A pair without a clip. `reason`: missing, short, undecodable, film_differs or not_aligned;
+    `what` says more.
     """
 
     pair_id: str

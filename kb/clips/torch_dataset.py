@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import pyarrow as pa
 
+from kb.clips.clip_files import NOT_ALIGNED
 from kb.clips.clip_sources import ClipSource, NoClip
 from kb.clips.film_lookup import MISSING
 from kb.core.cached_property import cached_property
@@ -29,8 +30,8 @@ class ClipDataset:
     at most. A clip that can't be read is left out with a warning that says why.
 
     `left_out` counts the pairs that have no file ("missing"), one that is not their video
-    ("film_differs") or does not open ("undecodable"), or no text ("no_text"). A warning for each
-    such file says why.
+    ("film_differs") or does not open ("undecodable"), no text ("no_text") or no times
+    ("not_aligned"). A warning for each such file says why.
     """
 
     def __init__(
@@ -46,9 +47,11 @@ class ClipDataset:
         for batch in rows.to_batches():
             for row in batch.to_pylist():
                 reason, what = source.lack(row) or ("", "")
-                reasons.append("no_text" if row["text"] is None else reason)
                 if reason not in ("", MISSING):
                     refused[row["video_id"]] = what
+                if row["text"] is None or row["clip_start_s"] is None:
+                    reason = "no_text" if row["text"] is None else NOT_ALIGNED
+                reasons.append(reason)
         for video_id, what in refused.items():
             warnings.warn(f"video {video_id} has no clips: {what}", stacklevel=2)
         self.left_out = Counter(one for one in reasons if one)
@@ -56,6 +59,8 @@ class ClipDataset:
         if not self._rows.num_rows:
             if self.left_out["no_text"]:
                 raise UsageError("the pairs have no text", hint="`kb restore` brings it back")
+            if self.left_out[NOT_ALIGNED]:
+                raise UsageError("no pair with a file is alignable enough")
             raise UsageError(
                 "no pair has a video file",
                 hint=next(iter(refused.values()), "files are found by id, such as ID.mp4"),

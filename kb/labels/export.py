@@ -19,6 +19,7 @@ from kb.labels.questions import Labeling, LabelQuestion
 from kb.labels.sample import (
     DescribedVideo,
     asked_questions,
+    at_aligned_times,
     clip_times,
     described,
     drawn_rows,
@@ -36,13 +37,20 @@ _LONGEST_S = 60  # of a clip that people watch before they judge
 
 
 def export(
-    run: Run, labeling: Labeling, sample: int, seed: int, out: Path, pairs: Path | None = None
+    run: Run,
+    labeling: Labeling,
+    sample: int,
+    seed: int,
+    out: Path,
+    pairs: Path | None = None,
+    *,
+    aligned: bool = False,
 ) -> Summary:
     """Write the project to `out`. The same tables and seed give the same bytes. `pairs`: a file
-    with the ids of those that may be drawn.
+    with the ids of those that may be drawn; `aligned`: of clips at the times of `kb pairs align`.
 
-    Raises UsageError for a folder that is no such project or inside the data, FatalError where
-    there is nothing to judge, DamagedData, DiskFull.
+    Raises UsageError for a folder that is no such project or inside the data and where no pair is
+    aligned, FatalError where there is nothing to judge, DamagedData, DiskFull.
     """
     place = table_catalog.outside(run.root, out)
     if place.exists() and not (place / CONFIG).is_file():
@@ -61,10 +69,18 @@ def export(
     where = "text IS NOT NULL" if spoken else "true"
     if pairs is not None:
         where += f" AND pair_id IN (SELECT pair_id FROM {scan([with_ids(pairs)])})"
+    figures = catalog.files("films/film_figures") if aligned else []
+    if aligned and not figures:
+        raise UsageError("no pair is aligned with its film yet", hint="run `kb pairs align` first")
+    if aligned:
+        known = f"SELECT pair_id FROM {scan(figures)} WHERE alignable IS NOT NULL"
+        where += f" AND pair_id IN ({known})"
     rows = drawn_rows(catalog.spill, files, labeling, sample, seed, where)
+    if aligned:
+        rows = at_aligned_times(catalog.spill, figures, rows)
     around = surroundings(run.root, files, rows) if spoken and rows else {}
     videos = described(run.root, rows) if labeling is questions.TASKS else {}
-    asked = asked_questions(labeling, files)
+    asked = asked_questions(labeling, files, aligned=aligned)
     tasks = [{"data": _data(row, labeling, around, videos)} for row in rows]
     watched = (times[1] - times[0] if (times := clip_times(row, labeling)) else 0 for row in rows)
     seconds = sum(min(one, _LONGEST_S) + labeling.seconds for one in watched)

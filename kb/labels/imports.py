@@ -205,7 +205,8 @@ _NEWEST = """
     SELECT * FROM (
         SELECT DISTINCT ON (kind, item_id, annotator, question) * FROM (
             FROM merged QUALIFY labelled_at
-                = max(labelled_at) OVER (PARTITION BY kind, item_id, annotator))
+                = max(labelled_at) OVER (
+                    PARTITION BY kind, item_id, annotator, ends_with(question, '_aligned')))
         ORDER BY kind, item_id, annotator, question, answer)
     ORDER BY kind::VARCHAR, item_id, annotator, question::VARCHAR"""
 
@@ -343,7 +344,7 @@ def figures(con: DuckDBPyConnection, labeling: Labeling) -> dict[str, Any]:
         "CREATE OR REPLACE TEMP TABLE ratings AS"
         " SELECT question::VARCHAR AS question, item_id, annotator, answer, stratum, size, start_s,"
         " end_s FROM labels JOIN items USING (kind, item_id) JOIN sizes USING (kind, stratum)"
-        " WHERE kind = $kind",
+        " WHERE kind = $kind AND NOT ends_with(question, '_aligned')",  # of other clips
         {"kind": labeling.kind},
     )
     ((items, people),) = con.execute(
@@ -352,6 +353,7 @@ def figures(con: DuckDBPyConnection, labeling: Labeling) -> dict[str, Any]:
     questions = {
         one.name: {"question": one.text, **_figures_of(con, one, labeling.kind)}
         for one in labeling.questions
+        if not one.aligned
     }
     return {"items": items, "annotators": people, "questions": questions}
 

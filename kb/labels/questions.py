@@ -3,7 +3,7 @@
 `yes` is the good answer of every question with options; `unsure` counts as no answer in shares.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 YES, UNSURE = "yes", "unsure"
 NEAR_S = 10  # by how much a time may be off and still be right
@@ -14,7 +14,8 @@ class LabelQuestion:
     """A question and its options: name → what the page shows. `help` says how to decide.
 
     Without options the answer is free: seconds where `is_number`, else a text. Seconds are right
-    when they are near the item's own, its column `compared`.
+    when they are near the item's own, its column `compared`. `aligned`: it is asked of clips at the
+    times of `kb pairs align` alone, and the others of spoken times.
     """
 
     name: str
@@ -23,6 +24,7 @@ class LabelQuestion:
     options: tuple[tuple[str, str], ...] = ()
     compared: str = ""
     of_text: bool = False  # needs the spoken text, which releases lack
+    aligned: bool = False
 
     @property
     def is_number(self) -> bool:
@@ -60,6 +62,13 @@ class Labeling:
 
 
 _UNSURE = (UNSURE, "Can't tell")
+_VISIBLE = LabelQuestion(
+    "visible",
+    "Is the keyword's object visible in the clip?",
+    "Yes if it is on screen at any moment of the clip, also small, in a menu or in the"
+    " inventory. No if people only speak of it.",
+    ((YES, "Yes"), ("no", "No"), _UNSURE),
+)
 
 PAIRS = Labeling(
     kind="pair",
@@ -72,13 +81,8 @@ PAIRS = Labeling(
     end="clip_end_s",
     seconds=15,
     questions=(
-        LabelQuestion(
-            "visible",
-            "Is the keyword's object visible in the clip?",
-            "Yes if it is on screen at any moment of the clip, also small, in a menu or in the"
-            " inventory. No if people only speak of it.",
-            ((YES, "Yes"), ("no", "No"), _UNSURE),
-        ),
+        _VISIBLE,
+        replace(_VISIBLE, name="visible_aligned", aligned=True),
         LabelQuestion(
             "described",
             "Does the text describe what is seen?",

@@ -111,7 +111,26 @@ def has_text(files: list[Path]) -> bool:
     return "text" in parquet.open_file(files[0]).schema_arrow.names
 
 
-def asked_questions(labeling: Labeling, files: list[Path]) -> list[LabelQuestion]:
-    """The questions that can be asked about the rows of these files."""
+def asked_questions(
+    labeling: Labeling, files: list[Path], *, aligned: bool = False
+) -> list[LabelQuestion]:
+    """The questions that can be asked about the rows of these files, of clips at spoken times or at
+    aligned ones.
+    """
     spoken = has_text(files)
-    return [question for question in labeling.questions if spoken or not question.of_text]
+    asked = (question for question in labeling.questions if question.aligned == aligned)
+    return [question for question in asked if spoken or not question.of_text]
+
+
+def at_aligned_times(
+    spill: Path | None, figures: list[Path], rows: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Rows of pairs with the times of `kb pairs align`. `figures`: files of films/film_figures."""
+    with reading(figures), database.connect(spill) as con:
+        con.register("sample", pa.table({"pair_id": [row["item_id"] for row in rows]}))
+        times = con.sql(
+            f"SELECT pair_id, aligned_start_s, aligned_end_s FROM {scan(figures)}"
+            " SEMI JOIN sample USING (pair_id)"
+        ).fetchall()
+    aligned = {pair: {"clip_start_s": start, "clip_end_s": end} for pair, start, end in times}
+    return [row | aligned[row["item_id"]] for row in rows]

@@ -27,7 +27,7 @@ from kb.core.errors import UsageError
 from kb.core.installation import np
 from kb.core.summary import Summary
 from kb.pairs import seeded_random
-from kb.pairs.pair_selection import LABELS, SCORES, asking, checked
+from kb.pairs.pair_selection import FIGURES, LABELS, SCORES, asking, checked
 from kb.pairs.seeded_random import mixed
 from kb.store.atomic import replacing_folder
 from kb.store.tables import database
@@ -170,12 +170,15 @@ def sides_of(weights: np.ndarray, groups: np.ndarray, drawn: np.ndarray) -> np.n
 
 
 class Asked(NamedTuple):
-    """What is to be drawn: `n` pairs that meet the condition `where`."""
+    """What is to be drawn: `n` pairs that meet the condition `where`. `aligned`: only those that
+    are alignable at least so much, with their aligned times.
+    """
 
     n: int
     limits: Limits = Limits()
     where: str = ""
     seed: int = 0
+    aligned: float | None = None
 
 
 class Draw(NamedTuple):
@@ -213,7 +216,7 @@ def draw(run: Run, asked: Asked, out: Path, *, plan: bool = False) -> Summary:
     if not plan and place.exists() and not (place / PAIRS).is_file():
         raise UsageError(f"--out {out} exists and is not a draw of pairs", hint="name a new folder")
     catalog = table_catalog.read_catalog(run.root)
-    every = asking(catalog)
+    every = asking(catalog, aligned=asked.aligned)
     with (
         reading(catalog.files("pairs/pairs")),
         database.connect(catalog.spill, memory=_MEMORY) as con,
@@ -231,8 +234,9 @@ def draw(run: Run, asked: Asked, out: Path, *, plan: bool = False) -> Summary:
 def drawn_from(run: Run, con: duckdb.DuckDBPyConnection, catalog: Catalog, asked: Asked) -> Draw:
     """A draw from the pairs of a catalog. Raises as `draw`."""
     bare = f"FROM {scan(catalog.files('pairs/pairs'))}"  # without a condition no join
-    if asked.where:
-        bare = checked(con, asking(catalog, where=asked.where), asked.where)
+    if asked.where or asked.aligned is not None:
+        sql = asking(catalog, where=asked.where, aligned=asked.aligned)
+        bare = f"FROM ({checked(con, sql, asked.where)}) WHERE clip_start_s IS NOT NULL"
     pool = _pool(con, bare)
     drawn = pool.take(chosen_rows(pool, asked.n, asked.limits, asked.seed))
     out_of = len(pool.id)
@@ -366,7 +370,7 @@ def _write_pairs(
     split = pa.array(list(SPLIT)).take(pa.array(sides[drawn.video]))
     con.register("drawn", pa.table({"id": pa.array(drawn.id), "split": split}))
     columns = [str(row[0]) for row in con.sql(f"DESCRIBE {asked}").fetchall()]
-    kept = [name for name in columns if name not in (*SCORES, *LABELS)]
+    kept = [name for name in columns if name not in (*SCORES, *FIGURES, *LABELS)]
     rows = con.sql(
         f"SELECT {', '.join(kept)}, split FROM ({asked}) JOIN drawn ON drawn.id = {_NUMBER}"
         " ORDER BY video_id, clip_start_s, pair_id"
@@ -382,6 +386,10 @@ def _readme(made: Draw, asked: Asked) -> str:
     most = sorted(made.of_keywords, key=lambda item: (-item[1], item[0]))
     rows = "\n".join(f"| {name} | {count:,} |" for name, count in most)
     condition = f", where `{where}`" if where else ""
+    timed = ""
+    if asked.aligned is not None:
+        condition += f", at aligned times, with `alignable >= {asked.aligned:g}`"
+        timed = f" --aligned --alignable {asked.aligned:g}"
     noted = "".join(f"\n**{text[0].upper()}{text[1:]}.**\n" for text in made.remarks)
     return f"""\
 # A draw of {summary["pairs"]:,} pairs
@@ -397,7 +405,7 @@ Limits: {limited}. They are {summary["hours"]:,} hours of {summary["videos"]:,} 
 {noted}
 A channel is on one side of the split, and so are videos that say or show nearly the same.
 `{VIDEOS}` lists the videos, those with the most pairs first. With their files in a folder,
-`kb clips --pairs {PAIRS} --videos FOLDER` cuts the clips.
+`kb clips --pairs {PAIRS} --videos FOLDER{timed}` cuts the clips.
 
 | keyword | pairs |
 |---|---|

@@ -11,28 +11,36 @@ import duckdb
 from kb.core.errors import DamagedData, FatalError, UsageError
 from kb.store.exhausted import is_out_of_memory
 from kb.store.tables import database, parquet
-from kb.store.tables.reading import scan
+from kb.store.tables.reading import reading, scan
 
 if TYPE_CHECKING:
     from kb.artifacts.table_catalog import Catalog
 
 SCORES = ("model", "similarity", "margin", "best_offset_s", "static_share", "frames")
+ALIGNED = ("aligned_start_s", "aligned_end_s", "alignable")
 FIGURES = (
     *("cuts", "cut_free_start_s", "cut_free_end_s", "motion", "static_share", "dark_share"),
+    *ALIGNED,
     "visual_duplicate_of",
 )
 LABELS = ("visible", "described", "on_time")  # questions about pairs
 
 
 def asking(
-    catalog: Catalog, given: Path | None = None, where: str = "", *, within_shot: bool = False
+    catalog: Catalog,
+    given: Path | None = None,
+    where: str = "",
+    *,
+    within_shot: bool = False,
+    aligned: float | None = None,
 ) -> str:
     """SQL of all pairs, or of those in the file `given`, with every column that a condition may
     name: of pairs and quality, and where there are some of scores, films and labels. With
-    `within_shot` those whose film was seen, and of each clip the stretch without a cut.
+    `within_shot` those whose film was seen, and of each clip the stretch without a cut. With
+    `aligned` clips have the times of `kb pairs align`, null where `alignable` is less or unknown.
 
-    Raises UsageError where the condition names scores or labels that are not there, FatalError
-    without pairs.
+    Raises UsageError where the condition names scores or labels that are not there, or no pair is
+    aligned, FatalError without pairs.
     """
     files = catalog.files("pairs/pairs")
     if not files:
@@ -49,9 +57,8 @@ def asking(
     if scores:
         columns.append(f"s.* EXCLUDE ({', '.join(_both(files[0], scores[0]))})")
         joins.append(f"LEFT JOIN {scan(scores)} AS s ON s.pair_id = p.pair_id")
-    figures = (
-        [] if words.isdisjoint(FIGURES) and not within_shot else catalog.files("films/film_figures")
-    )
+    named = within_shot or aligned is not None or not words.isdisjoint(FIGURES)
+    figures = catalog.files("films/film_figures") if named else []
     if figures:
         # The share of static frames is the same in both tables.
         known = {*_both(files[0], figures[0]), *(_both(scores[0], figures[0]) if scores else ())}
@@ -97,7 +104,25 @@ def asking(
             "SELECT * REPLACE (cut_free_start_s AS clip_start_s, cut_free_end_s AS clip_end_s)"
             f" FROM ({asked}) WHERE cuts IS NOT NULL"
         )
+    if aligned is not None:
+        if not (figures and _is_aligned(figures)):
+            raise UsageError(
+                "no pair is aligned with its film yet", hint="run `kb pairs align` first"
+            )
+        start, end = (
+            f"CASE WHEN alignable >= {aligned!r} THEN aligned_{side}_s END AS clip_{side}_s"
+            for side in ("start", "end")
+        )
+        asked = f"SELECT * REPLACE ({start}, {end}) FROM ({asked})"
     return asked
+
+
+def _is_aligned(figures: list[Path]) -> bool:
+    """Whether a pair has aligned times."""
+    with reading(figures), database.asking() as con:
+        return bool(
+            con.execute(f"SELECT count(alignable) > 0 FROM {scan(figures)}").fetchall()[0][0]
+        )
 
 
 def with_ids(given: Path) -> Path:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import cast
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb import query
@@ -27,6 +28,7 @@ from kb.store.tables.reading import text_literal
 
 Folder = str | os.PathLike[str]
 _TRAINED = ("pair_id", "video_id", "keyword", "text", "clip_start_s", "clip_end_s", "duration_s")
+_ALIGNED = ("aligned_start_s", "aligned_end_s", "alignable")
 _OF_VIDEO = ("title", "duration_s", "view_count", "like_count", "published_at")
 
 
@@ -45,6 +47,8 @@ class Clips(QueryResult):
         seed: int = 0,
         rank: int = 0,
         world_size: int = 1,
+        aligned: bool = False,
+        alignable: float = 0.0,
     ) -> ClipDataset:
         """A PyTorch dataset of these clips (torch.utils.data.IterableDataset), in random order.
 
@@ -53,17 +57,23 @@ class Clips(QueryResult):
 
         Decodes the user's own video files in the folders `videos`, found by id (ID.mp4, TITLE
         [ID].webm, ID/video.mkv) and taken if they are as long as the video, or reads `shards`, the
-        folder that `kb clips --out` wrote. `size`: height and width in px. docs/train.md has a
-        whole training loop.
+        folder that `kb clips --out` wrote. `size`: height and width in px. `aligned`: clips at the
+        times that `kb pairs align` found, without those that are less than `alignable`.
+        docs/train.md has a whole training loop.
 
         Raises MissingExtra, and UsageError for wrong arguments or where no clip has file and text.
         """
         require("torch", "torch", "av", "PIL", "tokenizers")
         if (videos is None) == (shards is None):
             raise UsageError("clips come from video files or from shards", hint="give one of them")
+        if aligned and shards is not None:
+            raise UsageError(
+                "clips of shards have the times that they were cut at",
+                hint="cut them with `kb clips --aligned`",
+            )
         if frames < 1 or min(size) < 1:
             raise UsageError("frames, height and width are numbers above 0")
-        options, rows = CutOptions(frames, size, fit), self.to_table(_TRAINED)
+        options, rows = CutOptions(frames, size, fit), self._timed(aligned, alignable)
         source: ClipSource
         if shards is not None:
             source = Shards(Path(shards).absolute(), options)
@@ -78,6 +88,20 @@ class Clips(QueryResult):
             )
         return torch_dataset(rows, source, seed=seed, rank=rank, world_size=world_size)
 
+    def _timed(self, aligned: bool, alignable: float) -> pa.Table:
+        """What a dataset needs of each clip; without times where it is not alignable enough."""
+        if not aligned:
+            return self.to_table(_TRAINED)
+        if "alignable" not in self.schema.names:
+            raise UsageError("no pair is aligned yet", hint="run `kb pairs align` first")
+        rows = self.to_table([*_TRAINED, *_ALIGNED])
+        enough = pc.greater_equal(rows["alignable"], alignable)
+        for side in ("start", "end"):
+            times = pc.if_else(enough, rows[f"aligned_{side}_s"], None)
+            place = rows.schema.get_field_index(f"clip_{side}_s")
+            rows = rows.set_column(place, f"clip_{side}_s", times)
+        return rows.select(_TRAINED)
+
 
 def find(
     opened: OpenTables, keyword: str | None, where: str = "", drawn: Path | None = None
@@ -87,9 +111,9 @@ def find(
     Columns: pair_id, keyword, keyword_kind, video_id, title and figures of the video, the clip's
     start and end (s), `url` that starts there, `text` (null where it was not restored),
     token_count, transcript_kind, timing, and the columns of pairs_quality and, where pairs were
-    scored, of pairs_scores. `where`: a condition on them in DuckDB's SQL; `drawn`: a file of `kb
-    pairs draw`, whose `split` is a column then. Raises UsageError where there are no pairs, no such
-    keyword, or the condition is wrong.
+    scored, of pairs_scores and film_figures. `where`: a condition on them in DuckDB's SQL; `drawn`:
+    a file of `kb pairs draw`, whose `split` is a column then. Raises UsageError where there are no
+    pairs, no such keyword, or the condition is wrong.
     """
     ranked = opened.ranked("pairs")
     if not ranked:
@@ -136,12 +160,14 @@ def _sql(opened: OpenTables, pairs: View, ranked: list[View], keyword: str | Non
     of_video = ", ".join(f"v.{name}" if videos else f"NULL AS {name}" for name in _OF_VIDEO)
     if videos:
         joins.append(f"LEFT JOIN {videos[0].full} AS v ON v.video_id = p.video_id")
-    own = TableView(pairs).columns
-    for name in ("quality", "scores"):
-        for measured in opened.ranked(f"pairs_{name}")[:1]:
+    own = known = [*TableView(pairs).columns]
+    for name in ("pairs_quality", "pairs_scores", "film_figures"):
+        for measured in opened.ranked(name)[:1]:
             joins.append(f"LEFT JOIN {measured.full} AS {name} ON {name}.pair_id = p.pair_id")
-            keys = ", ".join(key for key in TableView(measured).columns if key in own)
+            columns = TableView(measured).columns
+            keys = ", ".join(key for key in columns if key in known)
             measures += f", {name}.* EXCLUDE ({keys})"
+            known = [*known, *columns]
     timing = "p.timing" if "timing" in own else "NULL::VARCHAR"
     removed = [
         f"SELECT key FROM {view.full} WHERE source = '{source}'"

@@ -6,15 +6,6 @@
 A film is decoded once, for all that is measured of it; scores are computed of what is stored
 (kb.score.pair_scores). So a film that was seen is not opened again unless pairs need vectors of
 other places, and a run that was stopped goes on behind the last film.
-
-The section "scores" of pairs/measures.json says what the scores are like, and what people's
-judgements say of them. Of the pairs that people judged (`visible`: whether the clip shows what the
-text names), in ten bins of equal size by similarity: the share that shows it, with its 95 %
-interval; how well similarity tells the two apart (area under the curve); and from which similarity
-on the share is as high as the profile wants. Without judgements nothing of that is known, and no
-threshold is shipped.
-
-Source of the interval of the area: Hanley and McNeil, Radiology 143 (1982).
 """
 
 from __future__ import annotations
@@ -23,7 +14,7 @@ import hashlib
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import groupby, pairwise
+from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -33,18 +24,18 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.annotate.backends import choose_device
-from kb.artifacts import manifest, measures, table_catalog
-from kb.artifacts.measures import QUANTILES, quantiles_of
+from kb.artifacts import manifest, measures
 from kb.clips.build import SHORT, Chosen, selected, version_of
 from kb.clips.film_lookup import FILM_DIFFERS, MISSING, UNDECODABLE, film_length_s
 from kb.clips.frames import UndecodableVideo
-from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import MissingModel
 from kb.core.installation import np, require
-from kb.core.summary import Summary, share_of
+from kb.core.summary import Summary
 from kb.schema.tables import table
+from kb.score.calibration import SECTION, section
+from kb.score.clip_search import remember_model
 from kb.score.figures import write_figures
 from kb.score.film_pass import watch_film
 from kb.score.film_store import (
@@ -74,13 +65,6 @@ NAME = "pairs/scores"
 NO_TEXT = "no_text"
 _PLANNED_BYTES = 2 * 512  # of a vector
 _REASONS = (MISSING, SHORT, UNDECODABLE, FILM_DIFFERS, NO_TEXT)
-SECTION = "scores"
-_BINS = 10
-_LEAST = 20  # judged pairs from which on a threshold is proposed
-_SQL = """
-SELECT item_id, avg((answer = 'yes')::INT) FROM {labels}
-WHERE kind = 'pair' AND question = 'visible' AND answer IN ('yes', 'no')
-GROUP BY item_id HAVING avg((answer = 'yes')::INT) <> 0.5"""  # a tie says nothing
 
 
 class VideoScores(msgspec.Struct, frozen=True):
@@ -144,6 +128,7 @@ def score(
             task.advance(1, pairs=len(made.scores))
         visible = _write(run, _with_others(run, name, scored_rows))
         write_figures(run)
+        remember_model(run.root, name, path)
     scored = sum(map(len, scored_rows))
     return Summary(
         command="pairs score",
@@ -212,7 +197,7 @@ def score_video(
         try:
             vectors = vectors_of(at, video_id, name)
             if vectors.film != digest:
-                vectors = Vectors(digest, {}, vectors.texts, loaded.step_s)
+                vectors = Vectors(digest, {}, vectors.texts)
             current = seen if seen is not None and seen.film == digest else None
             path = Path(film) if film else None
             seen = _completed(at, current, vectors, loaded, name, path, rows)
@@ -252,6 +237,7 @@ def _completed(
         embedded = model.texts(texts).astype(np.float16)
         vectors.texts |= dict(zip(map(text_key, texts), embedded, strict=True))
     if lacking or texts:
+        vectors.step_s = model.step_s
         keep_vectors(root, video_id, name, vectors)
     if seen is None:
         raise FileNotFoundError
@@ -320,9 +306,9 @@ def _model(path: str, device: str) -> ClipModel:
 
 
 def _rows(video_id: str, model: str, made: VideoScores) -> pa.Table:
-    values = ((pair_id, video_id, model, *one) for pair_id, one in made.scores.items())
+    values = ((pair_id, video_id, model, *score) for pair_id, score in made.scores.items())
     names = table(NAME).names()
-    rows = [dict(zip(names, one, strict=True)) for one in values]
+    rows = [dict(zip(names, row, strict=True)) for row in values]
     return pa.Table.from_pylist(rows, schema=table(NAME).arrow())
 
 
@@ -331,15 +317,15 @@ def _with_others(run: Run, model: str, scored_rows: list[pa.Table]) -> list[pa.T
     fresh = pa.concat_tables([table(NAME).arrow().empty_table(), *scored_rows])
     kept = [parquet.read_table(path) for path in Layout(run.root).rows(NAME)]
     kept = [
-        one.filter(
+        shard.filter(
             pc.and_(
-                pc.equal(one["model"].cast(pa.string()), model),
-                pc.invert(pc.is_in(one["pair_id"], fresh["pair_id"].combine_chunks())),
+                pc.equal(shard["model"].cast(pa.string()), model),
+                pc.invert(pc.is_in(shard["pair_id"], fresh["pair_id"].combine_chunks())),
             )
         )
-        for one in kept
+        for shard in kept
     ]
-    return [fresh, *(one.cast(fresh.schema) for one in kept)]
+    return [fresh, *(shard.cast(fresh.schema) for shard in kept)]
 
 
 def _write(run: Run, scored_rows: list[pa.Table]) -> dict[str, Any]:
@@ -355,90 +341,3 @@ def _write(run: Run, scored_rows: list[pa.Table]) -> dict[str, Any]:
         measures.write_measures(folder, sections)
     visible: dict[str, Any] = measured["visible"]
     return visible
-
-
-def section(root: Path, profile: Profile, scores: pa.Table) -> dict[str, Any]:
-    """The section of scored pairs (pairs/scores). Raises DamagedData."""
-    figures = {name: _quantiles(scores[name]) for name in ("similarity", "margin", "static_share")}
-    offsets = scores["best_offset_s"].drop_null()
-    moved = int((np.abs(offsets.to_numpy()) > 2).sum())
-    models = scores["model"].unique().to_pylist()
-    return {
-        "models": models,
-        "pairs": scores.num_rows,
-        **figures,
-        "further_than_2_s": share_of(moved, len(offsets)),
-        "visible": _calibrated(root, scores, profile.score.wanted_precision),
-    }
-
-
-def _quantiles(column: pa.ChunkedArray[Any]) -> dict[str, Any]:
-    values = column.drop_null().to_numpy()
-    values_there = np.quantile(values, QUANTILES).round(4).tolist() if len(values) else ()
-    return quantiles_of(len(values), values_there)
-
-
-def _calibrated(root: Path, scores: pa.Table, wanted: float) -> dict[str, Any]:
-    """What judgements say of similarities; {"judged": 0} without any."""
-    files = table_catalog.read_catalog(root).files("labels/labels")
-    if not files:
-        return {"judged": 0}
-    with database.connect(root) as con:
-        answers = dict(con.sql(_SQL.format(labels=scan(files))).fetchall())
-    judged = scores.filter(pc.is_in(scores["pair_id"], pa.array(list(answers), pa.string())))
-    both = sorted(
-        (row["similarity"], answers[row["pair_id"]] > 0.5)
-        for row in judged.select(["pair_id", "similarity"]).to_pylist()
-    )
-    if not both:
-        return {"judged": 0}
-    score, seen = (np.array(one) for one in zip(*both, strict=True))
-    ends = np.linspace(0, len(score), min(_BINS, len(score)) + 1).astype(int).tolist()
-    bins = [
-        {
-            "from": float(score[start]),
-            "to": float(score[end - 1]),
-            **share_of(int(seen[start:end].sum()), end - start),
-        }
-        for start, end in pairwise(ends)
-    ]
-    return {
-        "judged": len(score),
-        "bins": bins,
-        "auc": area(score[seen], score[~seen]),
-        "wanted_precision": wanted,
-        "reached_from": _reached(score, seen, wanted),
-    }
-
-
-def area(right: np.ndarray, wrong: np.ndarray) -> dict[str, Any] | None:
-    """The area under the curve with its 95 % interval: how often a right pair has the higher score,
-    ties counted half. None without both kinds.
-    """
-    n, m = len(right), len(wrong)
-    if not n or not m:
-        return None
-    ordered = np.sort(wrong)
-    below = np.searchsorted(ordered, right, "left") + np.searchsorted(ordered, right, "right")
-    share = float(below.sum() / (2 * n * m))
-    first, second = share / (2 - share), 2 * share**2 / (1 + share)
-    variance = share * (1 - share) + (n - 1) * (first - share**2) + (m - 1) * (second - share**2)
-    half = 1.959964 * (max(variance, 0.0) / (n * m)) ** 0.5
-    return {
-        "auc": round(share, 4),
-        "low": round(max(0.0, share - half), 4),
-        "high": round(min(1.0, share + half), 4),
-        "right": n,
-        "wrong": m,
-    }
-
-
-def _reached(score: np.ndarray, seen: np.ndarray, wanted: float) -> dict[str, Any] | None:
-    """The lowest similarity from which on at least the wanted share of the judged pairs shows what
-    is named, with that share; None where there is none, or too few were judged to say so.
-    """
-    for start in range(len(score) - _LEAST + 1):
-        if seen[start:].mean() > wanted and (not start or score[start] > score[start - 1]):
-            share = share_of(int(seen[start:].sum()), len(score) - start)
-            return {"similarity": float(score[start]), **share}
-    return None

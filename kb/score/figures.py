@@ -7,30 +7,38 @@ static_share  the share of these seconds with m < STILL
 dark_share    the share of the clip's sampled pictures whose mean value is below DARK
 cut_free_…    the stretch of the clip between two cuts or fades that contains the middle of the
               matched phrase
-
-visual_…      of clips that show the same (kb.score.visual_duplicates)
+aligned_…     and alignable: kb.score.align, by the model that `kb pairs align` took
+visual_…      duplicate_of: kb.score.visual_duplicates, by the model that scored the pairs
 
 Everything is computed of what `kb.score.film_store` has, so no film is opened.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from operator import itemgetter
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from kb.artifacts import manifest, measures
+from kb.artifacts import freshness, manifest, measures
+from kb.artifacts.measures import check_pairs
 from kb.core.context import Run
+from kb.core.errors import UsageError
 from kb.core.installation import np
+from kb.core.summary import Summary
+from kb.pairs.clip_tokens import LENGTH
 from kb.schema.tables import table
+from kb.score import align as alignment
+from kb.score.calibration import SECTION, judgements
 from kb.score.film_pass import SAMPLE_S
-from kb.score.film_store import SeenFilm, seen_film, seen_videos
+from kb.score.film_store import SeenFilm, seen_film, seen_videos, stored_model
 from kb.score.visual_duplicates import CLIP, visual_duplicates
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST
 from kb.store.layout import Layout
+from kb.store.lock import writer
 from kb.store.tables import database
 from kb.store.tables.reading import scan
 from kb.store.tables.shard_writer import write_table
@@ -40,12 +48,12 @@ STILL = (
 )
 DARK = 24.0  # mean value (0 to 255)
 _SHOTS, _FIGURES = "films/shots", "films/film_figures"
-_COLUMNS = "pair_id, video_id, clip_start_s, clip_end_s, match_start_s, match_end_s"
+_COLUMNS = "pair_id, video_id, text, clip_start_s, clip_end_s, match_start_s, match_end_s"
 _DIGITS = 4
 
 
 class FilmFigures(NamedTuple):
-    """Of a pair and its film alone; columns of schemas/tables/films/film_figures.toml."""
+    """Of a pair; the columns of schemas/tables/films/film_figures.toml behind the ids."""
 
     cuts: int
     cut_free_start_s: float
@@ -76,6 +84,68 @@ def figures_of(row: dict[str, Any], seen: SeenFilm) -> FilmFigures:
     )
 
 
+def align(run: Run, model: str = "", *, fit: bool = False) -> Summary:
+    """`kb pairs align`: aligned times of all pairs by the stored vectors of a model. `model`: as
+    `kb.score.film_store.stored_model`; `fit`: fit the numbers of the profile to people's answers,
+    for the user to copy.
+
+    Raises FatalError without pairs or with pairs that are out of date, UsageError where vectors,
+    the model or judgements are lacking, WriterLocked, DamagedData, DiskFull.
+    """
+    check_pairs(run.root)
+    freshness.refuse(run, "pairs")
+    name = stored_model(run.root, model)
+    curve = _fitted(run, name) if fit else None
+    with writer(run.root, "pairs"):
+        _note_alignment(run, {"model": name})
+        write_figures(run)
+        section = measures.read_measures(Layout(run.root).pairs)[alignment.SECTION]
+    with database.connect(run.root) as con:
+        ((cut,),) = con.sql(
+            f"SELECT count(*) FROM {scan(Layout(run.root).rows('pairs/pairs'))}"
+            f" WHERE token_count > {LENGTH}"
+        ).fetchall()
+    return Summary(
+        command="pairs align",
+        pairs=section["pairs"] + section["unknown"],
+        aligned=section["pairs"],
+        unknown=section["unknown"],
+        likely=section["likely"]["hits"],
+        cut_texts=cut,
+        model=name,
+        visible=section["visible"],
+        fitted=curve,
+    )
+
+
+def _fitted(run: Run, model: str) -> dict[str, Any]:
+    """The numbers of the curve that fit people's answers best: to clips at aligned times where
+    there are any, else at spoken ones. Raises UsageError where they do not tell.
+    """
+    answers = judgements(run.root, alignment.SPOKEN) | judgements(run.root, alignment.ALIGNED)
+    by_model = alignment.aligner(run, model)
+    peaks: dict[str, float] = {}
+    for rows, seen in _seen_rows(run, seen_videos(run.root)) if by_model and answers else ():
+        judged = [row for row in rows if row["pair_id"] in answers]
+        if judged and by_model:
+            times = by_model.times(judged, seen)
+            peaks |= {pair_id: aligned.peak for pair_id, aligned in times.items()}
+    shown = np.array([answers[pair_id] for pair_id in peaks], bool)
+    if len(shown) < alignment.LEAST or shown.all() or not shown.any():
+        raise UsageError(
+            f"--fit needs at least {alignment.LEAST} judged clips of which some show what is named"
+            f" and some do not, and there are {len(shown)}",
+            hint="people judge with `kb label export pairs` or `kb explore --judge NAME`",
+        )
+    curve = alignment.fitted(np.array(list(peaks.values())), shown)
+    if curve is None:
+        raise UsageError(
+            "by people's answers a higher peak does not mean that a clip shows what is named",
+            hint="align by another model, or judge more clips",
+        )
+    return {"align_middle": curve[0], "align_slope": curve[1], "judged": len(shown)}
+
+
 def write_figures(run: Run) -> None:
     """Write films/ of all films that were seen, under the lock of the pairs. Raises DamagedData,
     DiskFull.
@@ -86,43 +156,73 @@ def write_figures(run: Run) -> None:
     # Users may keep their films in the same folder, so it is never replaced as a whole.
     folder = ARTIFACTS["films"].folder(root)
     (folder / MANIFEST).unlink(missing_ok=True)
-    for name, rows in (
-        (_SHOTS, _shot_rows(run, videos)),
-        (_FIGURES, _figure_rows(run, videos)),
-    ):
-        names = table(name).names()
-        dictionaries = [dict(zip(names, row, strict=True)) for row in rows]
-        made = pa.Table.from_pylist(dictionaries, schema=table(name).arrow())
-        write_table(folder / f"{name.partition('/')[2]}-00000-of-00001.parquet", made, name)
+    by_model = alignment.aligner(run)
+    _write_table(folder, _SHOTS, _shot_rows(run, videos))
+    figures = _write_table(folder, _FIGURES, _figure_rows(run, videos, by_model))
     manifest.record(folder, "films")
+    if by_model is not None:
+        _note_alignment(run, alignment.section(root, by_model.model, figures))
 
 
-def _shot_rows(run: Run, videos: Iterable[str]) -> Iterator[tuple[Any, ...]]:
+def _write_table(folder: Path, name: str, rows: Iterable[Mapping[str, Any]]) -> pa.Table:
+    made = pa.Table.from_pylist(list(rows), schema=table(name).arrow())
+    write_table(folder / f"{name.partition('/')[2]}-00000-of-00001.parquet", made, name)
+    return made
+
+
+def _note_alignment(run: Run, section: dict[str, Any]) -> None:
+    """Set the section of aligned times in pairs/measures.json, under the lock of the pairs."""
+    folder = Layout(run.root).pairs
+    sections = measures.read_measures(folder) | {alignment.SECTION: section}
+    with manifest.editing(run.root, "pairs"):
+        measures.write_measures(folder, sections)
+
+
+def _shot_rows(run: Run, videos: Iterable[str]) -> Iterator[dict[str, Any]]:
     for video in videos:
         seen = seen_film(run.root, video)
         for number, shot in enumerate(seen.shots if seen is not None else ()):
-            yield video, number, *shot
+            yield {"video_id": video, "shot": number, **shot._asdict()}
 
 
-def _figure_rows(run: Run, videos: list[str]) -> Iterator[tuple[Any, ...]]:
+def _figure_rows(
+    run: Run, videos: list[str], by_model: alignment.Aligner | None
+) -> Iterator[dict[str, Any]]:
+    duplicates = _visual_duplicates(run, videos)
+    for rows, seen in _seen_rows(run, videos):
+        columns = by_model.columns(rows, seen) if by_model is not None else {}
+        for row in rows:
+            figures = figures_of(row, seen)._asdict()
+            figures["visual_duplicate_of"] = duplicates.get(row["pair_id"])
+            ids = {"pair_id": row["pair_id"], "video_id": row["video_id"]}
+            yield ids | figures | columns.get(row["pair_id"], {})
+
+
+def _visual_duplicates(run: Run, videos: list[str]) -> dict[str, str]:
+    models = measures.read_measures(Layout(run.root).pairs).get(SECTION, {}).get("models")
+    if not models:
+        return {}
     with database.connect(run.root) as con:
         con.register("seen", pa.table({"video_id": pa.array(videos, pa.string())}))
-        asked = f"""
+        clips = con.sql(f"""
+            SELECT {CLIP} FROM {scan(Layout(run.root).rows("pairs/pairs"))}
+            SEMI JOIN seen USING (video_id) ORDER BY video_id, pair_id""").to_arrow_table()
+    return visual_duplicates(run.root, models[0], clips)
+
+
+def _seen_rows(run: Run, videos: list[str]) -> Iterator[tuple[list[dict[str, Any]], SeenFilm]]:
+    """The pairs of each video whose clip begins before its film ends, and what was seen of it."""
+    with database.connect(run.root) as con:
+        con.register("seen", pa.table({"video_id": pa.array(videos, pa.string())}))
+        reader = con.sql(f"""
             SELECT {_COLUMNS} FROM {scan(Layout(run.root).rows("pairs/pairs"))}
-            SEMI JOIN seen USING (video_id) ORDER BY video_id, pair_id"""
-        scored = measures.read_measures(Layout(run.root).pairs).get("scores", {"models": []})
-        duplicates: dict[str, str] = {}
-        for model in scored["models"]:  # the one that scored the pairs
-            clips = con.sql(f"SELECT {CLIP} FROM ({asked})").to_arrow_table()
-            duplicates = visual_duplicates(run.root, model, clips)
-        reader = con.sql(asked).to_arrow_reader()
+            SEMI JOIN seen USING (video_id) ORDER BY video_id, pair_id""").to_arrow_reader()
         rows = (row for batch in reader for row in batch.to_pylist())
         for video, own in groupby(rows, key=itemgetter("video_id")):
             seen = seen_film(run.root, video)
-            for row in own:
-                if seen is not None and row["clip_start_s"] < seen.end_s:
-                    pair_id = row["pair_id"]
-                    yield pair_id, video, *figures_of(row, seen), duplicates.get(pair_id)
+            there = [row for row in own if seen is not None and row["clip_start_s"] < seen.end_s]
+            if seen is not None and there:
+                yield there, seen
 
 
 def _rounded(value: Any) -> float:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.context import Run
+from kb.core.errors import UsageError
 from kb.core.installation import np
 from kb.core.sources import made_of
 from kb.score.film_pass import Watched
@@ -32,6 +33,7 @@ from kb.store.lock import writer
 from kb.store.state import tombstones
 
 FILM = "film"
+WINDOW_S = 20.0  # vectors are kept from so long before a phrase to so long after it
 _KINDS = (START, CUT, FADE)
 _ENDS = 1 << 20  # bytes of the beginning and the end of a film that its digest is of
 _FIX = "remove it, then run `kb pairs score` with the film again"
@@ -51,8 +53,8 @@ class SeenFilm:
 
 @dataclass
 class Vectors:
-    """Of frames by their place on the model's grid, (tick + ½) · step_s, and of texts by their
-    SHA-256; float16.
+    """Of frames by their place on the model's grid, and of texts by their SHA-256; float16. The
+    place of a frame at t s is t / `step_s` − ½.
     """
 
     film: str = ""
@@ -71,6 +73,12 @@ class Vectors:
     def without(self, texts: Sequence[str]) -> list[str]:
         """Those of the texts that have no vector yet, each once."""
         return [text for text in dict.fromkeys(texts) if text_key(text) not in self.texts]
+
+
+def span(start_s: float, end_s: float, step: float) -> np.ndarray:
+    """The places on the grid of a film, (tick + ½) · step, that lie in a span; one at least."""
+    first = round(np.ceil(start_s / step - 0.5))
+    return np.arange(first, max(first, round(np.floor(end_s / step - 0.5))) + 1)
 
 
 def text_key(text: str) -> str:
@@ -143,11 +151,11 @@ def keep_vectors(root: Path, video_id: str, model: str, vectors: Vectors) -> Non
         _place(root, video_id, model),
         {
             "film": np.array(vectors.film),
-            "step_s": np.array(vectors.step_s),
             "ticks": np.array(ticks, np.int64),
             "frames": _stacked([vectors.frames[tick] for tick in ticks]).astype(np.float16),
             "keys": np.array(keys, "U64"),
             "texts": _stacked([vectors.texts[key] for key in keys]).astype(np.float16),
+            "step_s": np.array(vectors.step_s),
         },
     )
 
@@ -155,6 +163,25 @@ def keep_vectors(root: Path, video_id: str, model: str, vectors: Vectors) -> Non
 def seen_videos(root: Path) -> list[str]:
     """The videos of which a film was seen, by id."""
     return sorted(path.parent.name for path in Layout(root).films.glob(f"*/{FILM}.npz"))
+
+
+def stored_model(root: Path, asked: str = "") -> str:
+    """The model by which vectors are stored. `asked`: its name, the part of it before the digest,
+    or the file that it was read from. Raises UsageError for none, and for more than one.
+    """
+    names = sorted({path.stem for path in Layout(root).films.glob("*/*.npz")} - {FILM})
+    if not names:
+        raise UsageError(
+            "no film was seen by a model yet", hint="run `kb pairs score --videos DIR` first"
+        )
+    wanted = {asked, Path(asked).name, Path(asked).stem}
+    chosen = [name for name in names if not asked or wanted & {name, name.rpartition("@")[0]}]
+    if len(chosen) != 1:
+        what = (
+            f"no vectors by {asked} are stored" if asked else "vectors by several models are stored"
+        )
+        raise UsageError(what, hint=f"give --model one of {', '.join(chosen or names)}")
+    return chosen[0]
 
 
 def forget_film(root: Path, video_id: str) -> None:

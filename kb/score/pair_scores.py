@@ -18,12 +18,11 @@ from typing import Any, NamedTuple, Protocol
 
 from kb.core.installation import np
 from kb.score.figures import figures_of
-from kb.score.film_store import SeenFilm, Vectors
+from kb.score.film_store import WINDOW_S, SeenFilm, Vectors, span
 from kb.score.models import unit
 
 OFFSETS_S = (0, -2, 2, -4, 4, -6, 6, -8, 8)  # of equals the first counts
 AROUND_S = 1.0  # the frames around a phrase begin and end by as much before and after it
-WINDOW_S = 20.0  # vectors are kept from so long before a phrase to so long after it
 _DIGITS = 4
 
 Row = dict[str, Any]
@@ -56,12 +55,6 @@ def needed_ticks(row: Row, step: float) -> np.ndarray:
     around = span(row["match_start_s"] - WINDOW_S, row["match_end_s"] + WINDOW_S, step)
     ticks = np.union1d(around, span(row["clip_start_s"], row["clip_end_s"], step))
     return ticks[ticks >= 0]
-
-
-def span(start_s: float, end_s: float, step: float) -> np.ndarray:
-    """The places on the grid of a film, (tick + ½) · step, that lie in a span; one at least."""
-    first = round(np.ceil(start_s / step - 0.5))
-    return np.arange(first, max(first, round(np.floor(end_s / step - 0.5))) + 1)
 
 
 def scores_of(

@@ -30,7 +30,7 @@ from kb.core.installation import folder
 from kb.pairs.clip_tokens import token_ids
 from kb.sandbox.domain import usual
 from kb.sandbox.youtube.films import Picture, timeline, write_film
-from kb.score.build import area
+from kb.score.calibration import area
 from kb.score.models import BATCH, ClipModel
 from kb.score.pair_scores import Row
 from tests.bench.bench_clips import write_moving_film

@@ -25,7 +25,7 @@ import kb  # noqa: E402
 from kb.core.config.profile import load_profile  # noqa: E402
 from kb.core.installation import torch  # noqa: E402
 from kb.sandbox.youtube.films import drawn, timeline, write_film  # noqa: E402
-from kb.score.build import area, section  # noqa: E402
+from kb.score.calibration import area, section  # noqa: E402
 from kb.score.models import model_name  # noqa: E402
 from tests.inprocess import Here  # noqa: E402
 from tests.score.seen import scored  # noqa: E402

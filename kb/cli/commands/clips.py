@@ -10,7 +10,14 @@ from typing import Annotated, Any, cast
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.options import Films, OnlyPairs, Plan
+from kb.cli.framework.options import (
+    Alignable,
+    Aligned,
+    Films,
+    OnlyPairs,
+    Plan,
+    least_alignable,
+)
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
@@ -36,7 +43,8 @@ class FrameFit(StrEnum):
 @command(
     app,
     uses=("workers",),
-    json="pairs, clips, missing, short, undecodable, film_differs, videos, unknown_length, path",
+    json="pairs, clips, missing, short, undecodable, film_differs, not_aligned, videos,"
+    " unknown_length, path",
     planned=(
         "videos",
         "keyword",
@@ -44,6 +52,8 @@ class FrameFit(StrEnum):
         "where",
         "sample",
         "within_shot",
+        "aligned",
+        "alignable",
         "size",
         "frames",
         "format",
@@ -55,6 +65,7 @@ class FrameFit(StrEnum):
         "kb clips --videos films --out clips               webdataset shards, 16 frames per clip",
         "kb clips --videos films --keyword creeper --sample 100 --format npz",
         "kb clips --videos films --pairs draw/pairs.parquet   those that `kb pairs draw` drew",
+        "kb clips --videos films --aligned --alignable 0.5    at times that `kb pairs align` found",
     ],
 )
 def clips(
@@ -100,6 +111,8 @@ def clips(
             help="Of each clip only the stretch without a cut, as `kb pairs score` has seen it.",
         ),
     ] = False,
+    aligned: Aligned = False,
+    alignable: Alignable = None,
     plan: Plan = False,
 ) -> Summary:
     """Cut the clips of pairs out of video files that you have.
@@ -122,7 +135,10 @@ def clips(
         run.profile.clips.jpeg_quality,
     )
     folders = [folder.expanduser() for folder in videos]
-    chosen = build.Chosen(keyword, pairs, where, sample, within_shot)
+    least = least_alignable(aligned, alignable)
+    if aligned and within_shot:
+        raise SettingError("--within-shot can't be combined with --aligned: it is of spoken times")
+    chosen = build.Chosen(keyword, pairs, where, sample, within_shot, aligned=least)
     if plan:
         return build.plan(run, folders, options, chosen)
     return build.build(run, folders, out, options, chosen)

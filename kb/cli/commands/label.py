@@ -10,7 +10,7 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
-from kb.cli.framework.options import OnlyPairs
+from kb.cli.framework.options import Aligned, OnlyPairs
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary, interval_text
@@ -32,6 +32,7 @@ class JudgedKind(StrEnum):
     examples=[
         "kb label export pairs                        400 pairs, to label-pairs/",
         "kb label export pairs --sample 50 --seed 1 --out trial   50 other pairs, to trial/",
+        "kb label export pairs --aligned              pairs at the times of `kb pairs align`",
         "kb label export tasks --sample 100           100 tasks, to label-tasks/",
     ],
 )
@@ -45,6 +46,7 @@ def export(
         int, typer.Option("--seed", min=0, metavar="N", help="Another seed draws another sample.")
     ] = 0,
     pairs: OnlyPairs = None,
+    aligned: Aligned = False,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Write there. [default: label-WHAT]"),
@@ -55,15 +57,19 @@ def export(
     The sample is stratified (pairs by kind of keyword and timing, tasks by start_source), and each
     item carries the weight that it stands for. A larger sample of the same seed begins with the
     smaller one. Only reads. --data may be a data root or a downloaded release; a release of pairs
-    holds no texts, so that the question about the text is left out.
+    holds no texts, so that the question about the text is left out. With --aligned one question
+    is asked, whether the clip shows the keyword at the times that `kb pairs align` found.
     """
     from kb.labels import questions
     from kb.labels.export import export
 
     if pairs is not None and what is not JudgedKind.pairs:
         raise SettingError("--pairs names pairs, and these are tasks", hint="leave it out")
+    if aligned and what is not JudgedKind.pairs:
+        raise SettingError("--aligned is of clips of pairs, and these are tasks")
     labeling = {JudgedKind.pairs: questions.PAIRS, JudgedKind.tasks: questions.TASKS}[what]
-    return export(run, labeling, sample, seed, out or Path(f"label-{what}"), pairs)
+    place = out or Path(f"label-{what}")
+    return export(run, labeling, sample, seed, place, pairs, aligned=aligned)
 
 
 @command(

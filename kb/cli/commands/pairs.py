@@ -12,11 +12,14 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import (
     CLUSTER,
+    Alignable,
+    Aligned,
     Device,
     DeviceOption,
     OnlyPairs,
     Part,
     Plan,
+    least_alignable,
     parse_part,
 )
 from kb.core.config.pipeline import recipe_of
@@ -93,7 +96,7 @@ def pairs(
     json="pairs, out_of, keywords, most_of_a_keyword, videos, hours, train, validation, test, path",
     planned=(
         *("n", "per_keyword", "per_video", "max_videos", "where", "seed", "out"),
-        *("release", "name"),
+        *("release", "name", "aligned", "alignable"),
     ),
     data="reads",
     examples=[
@@ -153,6 +156,8 @@ def draw(
         str,
         typer.Option("--name", metavar="NAME", help="With --release: write release/draw-NAME."),
     ] = "",
+    aligned: Aligned = False,
+    alignable: Alignable = None,
     plan: Annotated[
         bool, typer.Option("--plan", help="Print what would be drawn; write nothing.")
     ] = False,
@@ -163,7 +168,8 @@ def draw(
     keyword they are spread evenly over videos. No limits apply unless asked for. pairs.parquet has
     the columns of pairs and quality and `split` (train, validation, test: 90, 5 and 5 %, whole
     channels and whole clusters of duplicates on one side), videos.txt the videos that they need,
-    README.md what was drawn.
+    README.md what was drawn. With --aligned only pairs that `kb pairs align` has found times for
+    are drawn, and their clips have these times.
 
     --release makes a draw that others can have: ids, splits and ranks, which `kb release` describes
     and whoever has the same release draws again byte for byte.
@@ -173,7 +179,10 @@ def draw(
     from kb.pairs.release_draw import DEFAULT_OUT, release_draw
 
     limits = Limits(per_keyword, per_video, max_videos)
-    asked = Asked(n, limits, where, run.seed if seed is None else seed)
+    least = least_alignable(aligned, alignable)
+    asked = Asked(n, limits, where, run.seed if seed is None else seed, least)
+    if release and aligned:
+        raise SettingError("--aligned can't be combined with --release: that draw has no times")
     if release:
         return release_draw(run, asked, name, out, plan=plan)
     if name:
@@ -258,6 +267,66 @@ def score(
     if seen["reached_from"]:
         reached = seen["reached_from"]
         show_row((f"{reached['similarity']:.3f} or more", reached["n"], interval_text(reached)))
+    return summary
+
+
+@command(
+    app,
+    json="pairs, aligned, unknown, likely, cut_texts, model, visible, fitted",
+    examples=[
+        "kb pairs align                              by the model whose vectors are stored",
+        "kb pairs align --model ViT-B-16             by one of several",
+        "kb pairs align --fit                        the profile's two numbers by judgements",
+    ],
+)
+def align(
+    run: Run,
+    model: Annotated[
+        str,
+        typer.Option(
+            "--model",
+            metavar="NAME",
+            help="By the vectors of this model: its name, as in pairs/scores, or its file's.",
+        ),
+    ] = "",
+    fit: Annotated[
+        bool,
+        typer.Option(
+            "--fit",
+            help="Fit score.align_middle and score.align_slope to what people said of clips, and"
+            " print the lines for the profile.",
+        ),
+    ] = False,
+) -> Summary:
+    """Find where in its film the text of each pair is shown, and whether at all.
+
+    From the vectors that `kb pairs score` stored, so no film is opened. films/film_figures gets
+    aligned_start_s and aligned_end_s, a stretch as long as the clip and at most 20 s from it, and
+    alignable, how probable it is that the text is shown there. Pairs and films that are made later
+    get them as well. `kb clips`, `kb pairs draw` and torch take these times with --aligned.
+
+    Columns: the least that `alignable` is; judged clips at spoken times and the share of them that
+    shows what is named; the same at aligned times.
+    """
+    from kb.score import figures
+
+    summary = figures.align(run, model, fit=fit)
+    judged = [row for row in summary["visible"] if row["spoken"]["n"] or row["aligned"]["n"]]
+    if not judged:
+        run.progress.say(
+            "nobody has judged these clips, so it is not known whether aligned times are better;"
+            " `kb label export pairs --aligned` makes a project to judge them"
+        )
+    else:
+        show_row(("alignable", "judged", "spoken", "judged", "aligned"))
+    for row in judged:
+        shares = ((row[name]["n"], interval_text(row[name])) for name in ("spoken", "aligned"))
+        show_row(
+            (f"{row['alignable_from']:.1f} or more", *(cell for pair in shares for cell in pair))
+        )
+    if curve := summary["fitted"]:
+        for name in ("align_middle", "align_slope"):
+            show_row([f"score.{name} = {curve[name]}"])
     return summary
 
 

@@ -298,6 +298,23 @@ OnlyPairs = Annotated[
         "--pairs", metavar="FILE", help="Only these pairs: Parquet, as `kb pairs draw` writes."
     ),
 ]
+Aligned = Annotated[
+    bool,
+    typer.Option(
+        "--aligned",
+        help="Clips at the times that `kb pairs align` found, without pairs that have none.",
+    ),
+]
+Alignable = Annotated[
+    float | None,
+    typer.Option(
+        "--alignable",
+        min=0,
+        max=1,
+        metavar="P",
+        help="With --aligned: only pairs whose text is shown there with this probability or more.",
+    ),
+]
 Plan = Annotated[
     bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")
 ]
@@ -305,6 +322,13 @@ Part = Annotated[
     str | None,
     typer.Option("--part", metavar="I/N", help="The I-th of N parts, for N machines."),
 ]
+
+
+def least_alignable(aligned: bool, alignable: float | None) -> float | None:
+    """The least probability of --aligned, None without it. Raises SettingError."""
+    if alignable is not None and not aligned:
+        raise SettingError("--alignable has no effect without --aligned")
+    return (alignable or 0.0) if aligned else None
 
 
 def parse_part(text: str | None) -> tuple[int, int] | None:

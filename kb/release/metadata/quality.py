@@ -46,6 +46,7 @@ def pair_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
         _speech_recognition(heard) if heard else _NOT_MEASURED,
         _TEXTS_ALONE,
         *_scored(samples.get("scores")),
+        *_aligned(samples.get("alignment")),
         *judgements(samples, "pair"),
     )
 
@@ -148,7 +149,40 @@ def _scored(section: dict[str, Any] | None) -> Iterator[str]:
     if area := seen["auc"]:
         sentence += f"; the area under the curve is {area['auc']:.3f}"
         sentence += f" (95 % interval {area['low']:.3f} to {area['high']:.3f})"
+    if f1 := seen.get("f1"):
+        sentence += (
+            f"; F1 as the MineDojo paper counts it is {f1['f1']:.3f} (95 % interval"
+            f" {f1['low']:.3f} to {f1['high']:.3f}, {f1['n']:,} clips), of scores above"
+            f" {f1['boundary']:.3f}, the middle of two clusters"
+        )
     yield sentence + "."
+
+
+def _aligned(section: dict[str, Any] | None) -> Iterator[str]:
+    """Whether clips at aligned times show what is named more often than at spoken ones."""
+    if not section or not section["pairs"]:
+        return
+    likely = section["likely"]
+    sentence = (
+        f"Alignment: by `{section['model']}`, the films of {_pairs(likely)} probably show the text"
+        " at most 20 s from its words (`alignable` is at least 0.5)."
+    )
+    judged = [row for row in section["visible"] if row["spoken"]["n"] or row["aligned"]["n"]]
+    for row in judged:
+        least = f" where `alignable` is at least {row['alignable_from']}"
+        spoken, aligned = (
+            f"{interval_text(row[name])} of {row[name]['n']:,} clips"
+            if row[name]["n"]
+            else "unknown"
+            for name in ("spoken", "aligned")
+        )
+        sentence += (
+            f" Judged clips that show what is named{least * bool(row['alignable_from'])}: at spoken"
+            f" times {spoken}; at aligned times {aligned}."
+        )
+    if not judged:
+        sentence += " Nobody has looked at these clips, so it is not known whether that is so."
+    yield sentence
 
 
 def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> tuple[str, ...]:

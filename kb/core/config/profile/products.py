@@ -126,6 +126,20 @@ class Scoring(Section):
         description="share of pairs that should show what their text names; the card says from"
         " which similarity on people's judgements confirm it",
     )
+    align_middle: float = Field(
+        3.0,
+        ge=-100,
+        le=100,
+        allow_inf_nan=False,
+        description="the peak, in standard deviations, at which a text is as probably shown near"
+        " its words as not; `kb pairs align --fit` finds it by people's judgements",
+    )
+    align_slope: float = Field(
+        2.0,
+        gt=0,
+        le=1000,
+        description="how fast that probability grows with the peak",
+    )
 
 
 if TYPE_CHECKING:
