@@ -4,11 +4,19 @@ A release folder is recognised by its checksums, whatever else lies in it; so `s
 in a download does not make it a data root. Folders that can't be read are none of these.
 """
 
+import contextlib
 import os
 from pathlib import Path
 
+import msgspec
+
 from kb.artifacts.release_folder import is_released
+from kb.core.errors import DamagedData, NewerVersion
+from kb.store.damage import read_note
 from kb.store.layout import Layout
+
+# Of data roots. It rises when older versions would misread what is written (docs/upgrading.md).
+FORMAT = 1
 
 _OF_A_ROOT = ("raw", "state", "clean", "restored")  # any of these makes a folder a data root
 _MOST = 500  # entries of a folder among which others are looked for
@@ -26,6 +34,25 @@ def is_root(path: Path) -> bool:
     if not made or is_released(path):
         return False
     return made != ["state"] or not any(map(is_released, folders_in(path)))
+
+
+class _Noted(msgspec.Struct):
+    """What of state/profile.json says which versions can read a data root."""
+
+    format: int = FORMAT
+
+
+def require_known_format(root: Path) -> None:
+    """Raises NewerVersion for a data root that a newer version wrote in another form."""
+    noted = None
+    with contextlib.suppress(DamagedData):  # whoever needs the profile raises it
+        noted = read_note(Layout(root).profile, _Noted)
+    if noted is not None and noted.format > FORMAT:
+        raise NewerVersion(
+            f"a newer Lorecrawl wrote the data root {root} (format {noted.format}; this version"
+            f" knows {FORMAT})",
+            hint="upgrade Lorecrawl",
+        )
 
 
 def download_around(place: Path, *, named: bool = True) -> Path | None:

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from kb.artifacts.data_roots import is_root
+from kb.artifacts.data_roots import FORMAT, is_root
 from kb.artifacts.table_catalog import Catalog
 from kb.core.config import pipeline
 from kb.core.config.profile import Profile, load_profile, shipped_names
@@ -38,6 +38,7 @@ class Remembered(msgspec.Struct, frozen=True):
     name: str
     file: str | None = None
     from_root: str | None = None
+    format: int = FORMAT
 
 
 def remembered(root: Path) -> Remembered | None:

@@ -22,7 +22,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from kb.artifacts import manifest, release_folder
-from kb.artifacts.data_roots import download_around, folders_in, is_root
+from kb.artifacts.data_roots import (
+    download_around,
+    folders_in,
+    is_root,
+    require_known_format,
+)
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.cached_property import cached_property
 from kb.core.errors import FatalError, KbError, SettingError, UsageError
@@ -247,11 +252,12 @@ def address_of(place: str | os.PathLike[str]) -> str:
 def existing(path: Path) -> Path:
     """The folder as an absolute path; of the folder `restored/` in a data root, that data root.
 
-    Raises SettingError, which names the nearest data root.
+    Raises SettingError, which names the nearest data root, NewerVersion.
     """
     path = path.expanduser().absolute()
     if not path.is_dir():
         raise empty(path)
+    require_known_format(path)
     of_root = path == Layout(path.parent).restored() and not is_root(path)
     if of_root and any((path / name).is_dir() for name in PUBLISHED):
         return path.parent

@@ -8,6 +8,7 @@ KbError                     exit  what follows
 │   ├── MissingCredential         a key that the command needs is not set
 │   ├── MissingExtra              an optional package is not installed
 │   ├── MissingModel              a model file is absent, cut off or another one
+│   ├── NewerVersion              a newer version of Lorecrawl wrote the data root
 │   └── OtherService              the data root belongs to another host, subreddit or wiki
 ├── FatalError              1     the run ends; what is on disk stays good
 │   ├── CredentialRefused         the service does not accept the key
@@ -79,6 +80,10 @@ class MissingExtra(UsageError):
 
 class MissingModel(UsageError):
     """A model file is absent, cut off, or not the one it should be."""
+
+
+class NewerVersion(UsageError):
+    """A newer version of Lorecrawl wrote the data root, in a form that this one does not know."""
 
 
 class OtherService(UsageError):

@@ -16,9 +16,8 @@ import urllib3
 from urllib3.connection import HTTPConnection, HTTPSConnection
 
 from kb.core import clock, signals
+from kb.net import limits
 
-ANSWER_BYTES = 100_000_000  # decoded
-ANSWER_S = 300.0
 _STOP_S = 3.0  # for the answer in hand, once we were asked to stop
 _LOOK_S = 0.5
 PART = 1 << 16
@@ -99,7 +98,7 @@ class _Watched(HTTPConnection):
         """The answer, with the connection's socket as `watched`."""
         sock = self.sock
         try:
-            with _watch.over(sock, ANSWER_S):
+            with _watch.over(sock, limits.ANSWER_S):
                 response = super().getresponse()
         except TooSlow as error:
             raise TimeoutError(str(error)) from error  # what urllib3 takes for one of its own
@@ -143,7 +142,7 @@ def read_body(response: requests.Response) -> None:
     """Read the whole body, which is the response's `content` from then on. Raises as `parts`."""
     body = bytearray()
     try:
-        for part in parts(response, most=ANSWER_BYTES, seconds=ANSWER_S):
+        for part in parts(response, most=limits.ANSWER_BYTES, seconds=limits.ANSWER_S):
             body += part
         response._content = bytes(body)
     finally:

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 from kb.core import clock
 from kb.core.config.addresses import in_the_clear, is_loopback
 from kb.core.errors import SettingError
-from kb.net.bounded import ANSWER_BYTES, ANSWER_S
+from kb.net import limits
 from kb.net.certificates import tls
 
 _RANGE = re.compile(r"bytes=(\d{1,18})-(\d{1,18})")
@@ -36,7 +36,7 @@ def use_own_client(endpoint: str, timeout: tuple[float, float] = _TIMEOUT_S) -> 
 
         def __init__(self, response: Any, most: int) -> None:
             self._stream, self._most = response.stream, most
-            self._end = clock.monotonic() + ANSWER_S + most / _SLOWEST
+            self._end = clock.monotonic() + limits.ANSWER_S + most / _SLOWEST
 
         def __iter__(self) -> Iterator[bytes]:
             size = 0
@@ -57,7 +57,7 @@ def use_own_client(endpoint: str, timeout: tuple[float, float] = _TIMEOUT_S) -> 
             raise httpx2.DecodingError("an answer that is packed, which was not asked for")
         asked = _RANGE.fullmatch(response.request.headers.get("range", ""))
         size = int(asked[2]) - int(asked[1]) + 1 if asked else 0
-        response.stream = Bounded(response, max(size, ANSWER_BYTES))
+        response.stream = Bounded(response, max(size, limits.ANSWER_BYTES))
 
     def client() -> Any:
         return httpx2.Client(

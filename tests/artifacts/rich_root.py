@@ -37,7 +37,7 @@ STRANGE = (
 """What other programs and people put beside."""
 
 
-def add_everything(job: Job, machine: int) -> None:
+def add_everything(job: Job, machine: int, *, litter: bool = True) -> None:
     """Add to a root with clean tables and scores: a wiki, labels, set-aside bytes and litter."""
     root = job.root
     _wiki(root, machine)
@@ -49,6 +49,8 @@ def add_everything(job: Job, machine: int) -> None:
     ):
         answer = _answer("pair", item, videos[0], who, what, at)
         replace_answers(root, "pair", item, who, [answer])
+    if not litter:
+        return
     segment = rawlog.segments(root, "youtube", "videos")[0]
     segment.with_name(f"{segment.name}.damaged-77").write_bytes(b"damaged")
     image = next(Layout(root).images.glob("*.png"))

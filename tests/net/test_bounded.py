@@ -14,7 +14,7 @@ import pytest
 from kb.core import signals
 from kb.core.config.settings import load_settings
 from kb.core.errors import Interrupted, Retryable
-from kb.net import bounded
+from kb.net import bounded, limits
 from kb.net.session import HttpSession, send
 
 OK = b"HTTP/1.1 200 OK\r\n"
@@ -102,8 +102,8 @@ def hostile() -> Iterator[Hostile]:
 def test_an_answer_without_end_is_one_error(
     hostile: Hostile, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bounded, "ANSWER_BYTES", 1_000_000)
-    monkeypatch.setattr(bounded, "ANSWER_S", 1.0)
+    monkeypatch.setattr(limits, "ANSWER_BYTES", 1_000_000)
+    monkeypatch.setattr(limits, "ANSWER_S", 1.0)
     with HttpSession(load_settings(dotenv=False)) as session:
         with pytest.raises(Retryable, match=r"^(TooLarge|TooSlow|ReadTimeout) at "):
             send(session, "GET", f"{hostile.url}/{name}")

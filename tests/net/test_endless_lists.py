@@ -12,7 +12,7 @@ from urllib.parse import parse_qs
 
 import pytest
 
-from kb.net import bounded, retry
+from kb.net import limits, retry
 from kb.sandbox.world import World
 from kb.store.layout import Layout
 from kb.store.state.frontier import Frontier
@@ -101,7 +101,7 @@ def test_a_list_without_end_is_given_up(
     sandbox: Sandbox, here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.setattr(retry, "FIRST_S", 0.0001)
-    monkeypatch.setattr(bounded, "ANSWER_BYTES", 5_000_000)
+    monkeypatch.setattr(limits, "ANSWER_BYTES", 5_000_000)
     monkeypatch.setattr("kb.wiki.crawl.client._LISTED", PARTS)
     monkeypatch.setattr("kb.wiki.crawl.client._CONTINUED", PARTS)
     monkeypatch.setattr("kb.youtube.crawl.fetch.PAGES", PARTS)

@@ -5,7 +5,7 @@ import huggingface_hub
 import pytest
 from huggingface_hub.utils import get_session
 
-from kb.net import hub_client
+from kb.net import hub_client, limits
 from tests.conftest import needs
 from tests.net.test_bounded import Hostile, hostile  # noqa: F401  the fixture
 
@@ -24,8 +24,8 @@ def test_an_answer_of_the_hub_without_end_is_one_error(
     name: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(hub_client, "ANSWER_BYTES", 1_000_000)
-    monkeypatch.setattr(hub_client, "ANSWER_S", -9.5)  # half a second
+    monkeypatch.setattr(limits, "ANSWER_BYTES", 1_000_000)
+    monkeypatch.setattr(limits, "ANSWER_S", -9.5)  # half a second
     hub_client.use_own_client(hostile.url)
     with pytest.raises((httpx2.TransportError, httpx2.DecodingError)):
         get_session().get(f"{hostile.url}/{name}")

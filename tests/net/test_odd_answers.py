@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.net import bounded, retry
+from kb.net import limits, retry
 from kb.sandbox.world import World
 from tests.faults import Sandbox
 from tests.inprocess import Here
@@ -42,7 +42,7 @@ def test_an_answer_that_is_too_deep_or_too_large_is_one_line(
     body: str,
 ) -> None:
     monkeypatch.setattr(retry, "FIRST_S", 0.0001)
-    monkeypatch.setattr(bounded, "ANSWER_BYTES", 199_999)
+    monkeypatch.setattr(limits, "ANSWER_BYTES", 199_999)
     monkeypatch.setattr("kb.wiki.crawl.http_client.TRIES", 2)
     sandbox.faults.clear()
     headers = {"Content-Type": "application/json"}

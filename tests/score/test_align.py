@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -215,20 +214,20 @@ def test_clips_draws_and_datasets_take_aligned_times(world: AlignmentWorld, tmp_
         assert world.kb(*words).code == 2
 
 
-def label(world: AlignmentWorld, answers: dict[str, dict[str, bool]]) -> None:
-    """Answers to questions by pair."""
-    rows = [
-        {
-            "kind": "pair",
-            "item_id": pair,
-            "question": question,
-            "answer": "yes" if yes else "no",
-        }
-        for question, given in answers.items()
-        for pair, yes in given.items()
-    ]
-    (world.root / "labels").mkdir(exist_ok=True)
-    pq.write_table(pa.Table.from_pylist(rows), world.root / "labels" / "labels-0.parquet")
+def judge(world: AlignmentWorld, question: str, kinds: set[str], *options: str) -> None:
+    """People judge every clip of a project: those of mentions of these kinds show what is named."""
+    out = world.root.parent / question
+    assert world.kb("label", "export", "pairs", "--out", out, *options).code == 0
+    tasks = json.loads((out / "tasks.json").read_bytes())
+    rows = {row["pair_id"]: row for row in world.rows("pairs/pairs")}
+    for task in tasks:
+        shown = world.mention_of(rows[task["data"]["item_id"]]).kind in kinds
+        result = [{"from_name": question, "value": {"choices": ["Yes" if shown else "No"]}}]
+        when = f"2026-01-0{1 + len(options)}T00:00:00Z"
+        task["annotations"] = [{"completed_by": 1, "result": result, "updated_at": when}]
+    (out / "answers.json").write_text(json.dumps(tasks))
+    done = world.kb("label", "import", out / "answers.json")
+    assert done.code == 0, done.err
 
 
 def test_judgements_of_spoken_and_aligned_clips_stand_side_by_side(world: AlignmentWorld) -> None:
@@ -236,10 +235,8 @@ def test_judgements_of_spoken_and_aligned_clips_stand_side_by_side(world: Alignm
     assert "nobody has judged these clips" in done.err
     refused = world.kb("pairs", "align", "--fit")
     assert (refused.code, "judged clips" in refused.said) == (2, True)
-    pairs = {row["pair_id"]: world.mention_of(row) for row in world.rows("pairs/pairs")}
-    spoken = {pair: mention.kind == "with" for pair, mention in pairs.items()}
-    aligned = {pair: mention.kind != "never" for pair, mention in pairs.items()}
-    label(world, {"visible": spoken, "visible_aligned": aligned})
+    judge(world, "visible", {"with"})
+    judge(world, "visible_aligned", {"before", "with", "after"}, "--aligned")
     done = world.kb("pairs", "align", "--fit", "--json")
     assert done.code == 0, done.err
     summary = json.loads(done.out.splitlines()[-1])

@@ -193,8 +193,10 @@ class Options:
         """The data root that an existing `root` names (see `existing`), if `use` allows it; `named`
         by an option or a setting. Raises UsageError.
         """
+        from kb.artifacts.data_roots import require_known_format
         from kb.artifacts.table_catalog import existing, refuse_download
 
+        require_known_format(root)
         if self.use in ("reads", "writes") or (self.use == "may read" and self.data is not None):
             root = existing(root)
         if self.use in ("writes", "makes"):

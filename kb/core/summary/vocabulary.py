@@ -185,6 +185,28 @@ WORDS: dict[str, Word] = {
     ),
     "pairs score.scored": Word("Pairs that were scored.", "{n} scored", always=True),
     "pairs score.missing": Word("Pairs of videos without a file.", "{n} of videos without a file"),
+    "not_aligned": Word(
+        "Pairs that `--aligned` leaves out: the film shows their text not probably enough, or"
+        " nobody knows.",
+        "{n} not aligned",
+    ),
+    "pairs align.aligned": Word("Pairs of which a time is known.", "{n} with a time"),
+    "pairs align.unknown": Word(
+        "Pairs of a film that was seen, of which no time is known.", "{n} without"
+    ),
+    "pairs align.likely": Word(
+        "Pairs whose film shows their text near its words with a probability of 0.5 or more.",
+        "{n} probably shown",
+    ),
+    "cut_texts": Word(
+        "Pairs of whose text the model reads the first 77 tokens alone.", "{n} with a cut text"
+    ),
+    "pairs align.model": Word("The model by whose vectors pairs were aligned.", "aligned by {n}"),
+    "pairs align.visible": Word(
+        "What judged clips show at spoken and at aligned times: the same part of"
+        " pairs/measures.json."
+    ),
+    "fitted": Word("The profile's two numbers as judgements fit them, and how many; or null."),
     "no_text": Word("Pairs without a text.", "{n} without a text"),
     "visible": Word(
         "What judged pairs show at each similarity: the same part of pairs/measures.json."

@@ -24,7 +24,7 @@ from typing import Any
 import msgspec
 
 from kb.core import clock
-from kb.core.errors import DamagedData, FatalError
+from kb.core.errors import DamagedData, FatalError, NewerVersion
 from kb.core.regular_file import NotRegular, check_regular
 from kb.store.atomic import writing
 from kb.store.exhausted import as_disk_full, disk_full
@@ -176,7 +176,7 @@ class State:
     def _prepare(self) -> None:
         version = self._db.execute("PRAGMA user_version").fetchone()[0]
         if version > VERSION:
-            raise DamagedData(
+            raise NewerVersion(
                 f"{self.path} was written by a newer Lorecrawl", hint="upgrade Lorecrawl"
             )
         if version == 0:

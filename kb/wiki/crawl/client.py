@@ -18,7 +18,7 @@ import msgspec
 from kb.core.errors import FatalError, ItemFinal, Retryable
 from kb.crawl.connector import Answer
 from kb.crawl.limits import check_length
-from kb.net import bounded, retry
+from kb.net import limits, retry
 from kb.wiki.crawl.http_client import WikiHosts
 from kb.wiki.errors import Challenge, PageRefused, TransientStatus, turned_away
 from kb.wiki.parse import answers
@@ -272,7 +272,7 @@ class _Merged:
 
     def _count(self, text: bytes) -> None:
         self._size += len(text)
-        if self._size > bounded.ANSWER_BYTES:
+        if self._size > limits.ANSWER_BYTES:
             raise Retryable("the wiki's answer has too many parts")
 
 

@@ -18,7 +18,7 @@ from kb.core import clock
 from kb.core.config.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import Challenged, ItemFinal, Retryable
-from kb.net import bounded, retry
+from kb.net import bounded, limits, retry
 from kb.net.rate import Pace
 from kb.net.retry import Note
 from kb.net.session import (
@@ -241,7 +241,7 @@ class WikiHosts:
                 if re.fullmatch("[0-9]{1,18}", wanted) and int(wanted) > limit:
                     raise ItemFinal("too_large", wanted)
                 try:
-                    for part in bounded.parts(response, most=limit, seconds=bounded.ANSWER_S):
+                    for part in bounded.parts(response, most=limit, seconds=limits.ANSWER_S):
                         content += part
                 except bounded.TooLarge:
                     raise ItemFinal("too_large", f"more than {limit}") from None

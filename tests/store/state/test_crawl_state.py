@@ -6,7 +6,7 @@ import sqlite3
 
 import pytest
 
-from kb.core.errors import DamagedData
+from kb.core.errors import NewerVersion
 from kb.store.state import frontier as module
 from tests.store.state.test_frontier import open_frontier, plan_of
 
@@ -66,5 +66,5 @@ def test_a_state_of_a_newer_version_is_left_alone(tmp_path):
     frontier = open_frontier(tmp_path)
     frontier._db.execute("PRAGMA user_version = 99")
     frontier.close()
-    with pytest.raises(DamagedData, match="newer Lorecrawl"):
+    with pytest.raises(NewerVersion, match="newer Lorecrawl"):
         open_frontier(tmp_path)

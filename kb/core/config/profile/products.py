@@ -127,7 +127,7 @@ class Scoring(Section):
         " which similarity on people's judgements confirm it",
     )
     align_middle: float = Field(
-        3.0,
+        2.0,
         ge=-100,
         le=100,
         allow_inf_nan=False,
