@@ -26,7 +26,7 @@ from kb.artifacts.table_catalog import Catalog
 from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import MissingModel, UsageError
-from kb.core.installation import np, require
+from kb.core.installation import np, require, torch
 from kb.core.sources import SOURCES, made_of
 from kb.pairs.clip_tokens import ENDS, LENGTH, Tokens
 from kb.score.film_store import Vectors, span, stored_model, vectors_of
@@ -41,7 +41,7 @@ ARTIFACT = f"index/{NAME}"
 (SOURCE,) = made_of("pairs")
 _COLUMNS = "pair_id, video_id, keyword, text, clip_start_s, clip_end_s"
 _VIDEO = "video_id, title, license, published_at"
-_CHUNK = 8_192  # clips that are compared at a time
+_CHUNK = 1_024  # clips that are compared at a time, which a processor's cache holds
 _LOOKED_AT = 1_000  # best clips whose videos are looked up at a time
 _DIGITS = 4
 
@@ -105,7 +105,7 @@ class ClipSearch:
         return [] if damage else [*made.files]
 
     def build(self, run: Run) -> None:
-        """Make the index. Raises WriterLocked, DamagedData, DiskFull."""
+        """Make the index. Raises UsageError without pairs, WriterLocked, DamagedData, DiskFull."""
         catalog, encoder = Catalog(self._root.absolute()), _encoder(self._file)
         home = catalog.path if catalog.is_writable else catalog.cached
         films = Layout(self._root).films.glob(f"*/{escape(self.model)}.npz")
@@ -113,7 +113,8 @@ class ClipSearch:
         with domain_binding.writing(run, "pairs", workplace=home):
             inputs = texts.inputs(self._root, ARTIFACT)
             others = [index.folder(self._root, NAME) / file for file in self._usable()]
-            pairs = catalog.files("pairs/pairs")
+            if not (pairs := catalog.files("pairs/pairs")):
+                raise UsageError("there are no pairs whose clips to search", hint="run `kb pairs`")
             with reading(pairs), database.connect(catalog.spill) as con:
                 con.register("seen", videos)
                 rows = con.sql(f"""
@@ -216,6 +217,7 @@ def _file_of(root: Path, profile: Profile, name: str, given: str) -> Path:
 
 @lru_cache(maxsize=1)
 def _encoder(path: Path) -> ClipModel:
+    torch.set_num_threads(1)  # for one text; threads would wait for each other
     return ClipModel(path)
 
 

@@ -41,13 +41,12 @@ CLIP = "pair_id, video_id, clip_start_s, clip_end_s"
 ALONE, SEVERAL, CONFIRMED = 0.5, 0.35, 0.2
 PARTS = 8
 LEAST_FRAMES = 4  # of a clip; fewer have no course
-LEAF, TREES = 1024, 16
+LEAF, TREES = 1024, 12
 _DEEPEST = 24  # hyperplanes from the root to a leaf
 _WIDTH = 128  # principal components
 _SHRINK, _UNSURE = 0.1, 4  # of the mean variance, added to each; more where vectors are few
 _SAMPLE = 4_000  # clips of which the components are computed
 _APART_S = 1.0  # by how much the distances of two clips of one copy may differ
-_DIGITS = 4
 _STILL = 1e-3  # share of the course in a clip's length below which nothing moves
 
 
@@ -66,7 +65,7 @@ class _Clips(NamedTuple):
             figure[left].astype(np.float32) @ figure[right].astype(np.float32).T
             for figure in (self.scene, self.course)
         )
-        return np.round(np.minimum(*cosines), _DIGITS)
+        return np.minimum(*cosines)
 
 
 def visual_duplicates(root: Path, model: str, rows: pa.Table) -> dict[str, str]:
@@ -158,9 +157,9 @@ def _alike(clips: _Clips) -> tuple[np.ndarray, np.ndarray]:
     links, agreements = [np.zeros((0, 2), np.int64)], [np.zeros(0, np.float32)]
     for tree in range(TREES):
         for leaf in _leaves(clips, tree):
-            agreement = np.triu(clips.agreement(leaf, leaf), 1)
+            agreement = clips.agreement(leaf, leaf)
             low, high = np.nonzero(agreement >= SEVERAL)
-            apart = clips.video[leaf[low]] != clips.video[leaf[high]]
+            apart = (low < high) & (clips.video[leaf[low]] != clips.video[leaf[high]])
             low, high = low[apart], high[apart]
             links.append(np.stack((leaf[low], leaf[high]), axis=1))
             agreements.append(agreement[low, high])

@@ -1,8 +1,11 @@
 """`kb search --clips`, in a data root whose pairs were scored by a small model."""
 
+import html
 import json
+import re
 import shutil
 from pathlib import Path
+from urllib.parse import quote
 
 import duckdb
 import numpy as np
@@ -15,6 +18,7 @@ needs("av", "cv2", "scenedetect", "torch", "transformers")
 from kb.score.clip_search import _CHUNK, _similarities  # noqa: E402
 from kb.score.film_store import Vectors, keep_vectors  # noqa: E402
 from kb.score.models import model_name  # noqa: E402
+from tests.explore.conftest import explored  # noqa: E402
 from tests.inprocess import Here  # noqa: E402
 from tests.score.test_score import made, place  # noqa: E402, F401  fixtures
 
@@ -129,6 +133,27 @@ def test_a_download_has_no_clips_to_search(demo: Path, here: Here) -> None:
     release = demo / "data" / "demo" / "release"
     done = here("search", "--clips", "wolf", "--data", str(release))
     assert (done.code, "no release has vectors" in done.said) == (2, True)
+
+
+def test_explore_leads_from_words_to_the_place_in_the_video(scored: Path, here: Here) -> None:
+    done = here("search", "--clips", "creeper", "--format", "json", *at(scored))
+    hits = json.loads(done.out)
+    shutil.rmtree(scored / "data" / "index" / "clips")  # which the pages make at their start
+    with explored(
+        scored / "data", "--profile", str(scored / "profile.toml"), before=("env",)
+    ) as pages:
+        assert 'name="clips"' in pages.ask("/search").text
+        text = html.unescape(pages.ask("/search?words=creeper&clips=1").text)
+        found = re.findall(r'href="(/document\?ref=[^"]*)"', text)
+        assert len(found) == len(hits) == 2
+        for hit, address in zip(hits, found, strict=True):
+            assert f"youtube%3A{hit['video_id']}%40{int(hit['clip_start_s'])}&" in address
+            assert hit["url"] in text
+            assert pages.ask(address.partition("#")[0]).status == 200
+        assert "their last 15 tokens" in pages.ask(f"/search?clips=1&words={quote(LONG)}").text
+        shutil.rmtree(scored / "data" / "index" / "clips")
+        answer = pages.ask("/search?words=creeper&clips=1").text
+        assert "the index of clips is missing or out of date" in answer
 
 
 def test_the_search_is_exact() -> None:
