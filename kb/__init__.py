@@ -10,12 +10,13 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from kb.core.startup import ENVIRONMENT
+from kb.version import __version__
 
 if TYPE_CHECKING:
     from kb.reader import load
 
 __all__ = ["__version__", "load"]
-__version__ = "0.1.0"
+
 
 os.environ |= ENVIRONMENT
 # Arrow's own pool returns large blocks at once: a third of decoding went into asking the kernel for

@@ -15,7 +15,6 @@ import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +37,7 @@ from kb.store.checkpoint import installed
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
+from kb.version import __version__
 
 MODEL = "KB_TOXICITY_MODEL"
 FORMATS = tuple(dict.fromkeys(name for one in PUBLISHED.values() for name in one.formats))
@@ -234,7 +234,7 @@ def _release_settings(run: Run) -> dict[str, Any]:
     texts_ = run.profile.path.read_bytes() if run.profile.path.is_file() else b""
     values = _values(run.profile, ("",))
     made_with = {
-        "lorecrawl": version("lorecrawl"),
+        "lorecrawl": __version__,
         "lock file": (lock_digest() or "")[:12],
         "SOURCE_DATE_EPOCH": os.environ.get("SOURCE_DATE_EPOCH"),
     }

@@ -25,7 +25,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +42,7 @@ from kb.store.tables import checksums, parquet
 from kb.store.tables.checksums import FileEntry
 from kb.store.tables.parquet import content_digest
 from kb.store.walk import files_below
+from kb.version import __version__
 
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
 _ABSENT = 1_000  # of the names of shards that are not there
@@ -138,7 +138,7 @@ def new_manifest(
     figures: dict[str, Any] | None = None,
 ) -> Manifest:
     """The manifest of an artifact that is made now."""
-    artifact, made_by = ARTIFACTS[name], version("lorecrawl")
+    artifact, made_by = ARTIFACTS[name], __version__
     return Manifest(
         name, artifact.command, made_by, inputs, settings, artifact.rules, files, figures or {}
     )

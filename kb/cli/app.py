@@ -7,10 +7,10 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from kb import __version__
 from kb.cli.framework import messages
 from kb.cli.framework.exit_codes import refuse_unknown
 from kb.core.sources import SOURCES
+from kb.version import __version__
 
 # name -> one line for `kb --help`
 TREE = {

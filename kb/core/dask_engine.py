@@ -23,11 +23,11 @@ from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
-from kb import __version__
 from kb.core import clock, signals
 from kb.core.arrow_without_pandas import without_pandas
 from kb.core.errors import FatalError, MissingExtra, SettingError, Unreachable
 from kb.core.installation import code_digest, install_extra
+from kb.version import __version__
 
 CONNECT_S, WORKERS_S = 15.0, 120.0  # a queue may take its time to start the first worker
 SLICE_S, LOOK_S = 0.2, 3.0  # between looks for a signal; between questions after the workers

@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
-from kb import __version__
 from kb.artifacts import index, table_catalog, texts
 from kb.artifacts.table_catalog import bare
 from kb.core import terminal
@@ -30,6 +29,7 @@ from kb.query.limits import Limits
 from kb.reader.tables import OpenTables, TableView
 from kb.search.coverage import coverage
 from kb.search.ranking import Only, day_given
+from kb.version import __version__
 
 ROWS, MOST_ROWS = 100, 1_000
 SECONDS, MOST_SECONDS = 10, 60

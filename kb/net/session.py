@@ -16,7 +16,6 @@ import requests
 import urllib3
 from requests.adapters import HTTPAdapter
 
-from kb import __version__
 from kb.core.config.addresses import in_the_clear
 from kb.core.config.settings import Settings
 from kb.core.errors import FatalError, ItemFinal, KbError, Retryable, SettingError
@@ -24,6 +23,7 @@ from kb.net import bounded, redact
 from kb.net.certificates import authorities, untrusted
 from kb.net.proxies import proxy_of
 from kb.net.retry import Note, retry_after
+from kb.version import __version__
 
 PRODUCT = "lorecrawl"  # our name in the User-Agent and in robots.txt
 TIMEOUT_S = (10.0, 60.0)  # to connect, and between two bytes

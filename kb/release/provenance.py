@@ -21,7 +21,6 @@ import duckdb
 import msgspec
 import pyarrow as pa
 
-from kb import __version__
 from kb.artifacts import manifest
 from kb.artifacts.freshness import lineage
 from kb.artifacts.release_folder import KEYWORDS, ReleaseFolder
@@ -41,6 +40,7 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.state import tombstones
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import scan
+from kb.version import __version__
 
 _ABOUT = b"lorebase"  # a name on disk, kept from the time before the project was renamed
 

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from kb import __version__
 from kb.sandbox.world import World
 from kb.score.film_pass import Watched
 from kb.score.film_store import Vectors, keep_film, keep_vectors, text_key
 from kb.score.shots import CUT, START, Shot
 from kb.store.state import tombstones
+from kb.version import __version__
 from tests.artifacts.rich_root import add_everything
 from tests.contract.conftest import Figureless
 from tests.faults import Sandbox

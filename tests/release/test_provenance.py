@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 from cffconvert import Citation
 
-from kb import __version__
 from kb.core import installation
 from kb.core.config.profile import load_profile
 from kb.core.errors import NotReleasable
 from kb.pairs import keywords
 from kb.release.publish.publish import publish
 from kb.store.state import tombstones
+from kb.version import __version__
 from tests.faults import Sandbox
 from tests.recipes import release
 from tests.release.conftest import a_run

@@ -120,8 +120,8 @@ def _all(options: Options, online: bool) -> Iterator[Line]:
 
 
 def _installation() -> Iterator[Line]:
-    from kb import __version__
     from kb.core.installation import code_digest
+    from kb.version import __version__
 
     yield OK, "Lorecrawl", f"{__version__} (code {code_digest()[:12]})", ""
     python = f"{platform.python_version()} at {sys.executable}"

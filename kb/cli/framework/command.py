@@ -38,7 +38,6 @@ import typer
 import typer.core
 import typer.main
 
-from kb import __version__
 from kb.cli.framework import messages
 from kb.cli.framework.exit_codes import refuse_options_before_command, refuse_unknown, report
 from kb.cli.framework.options import (
@@ -59,6 +58,7 @@ from kb.core.errors import SettingError, UsageError
 from kb.core.installation import cache_root
 from kb.core.progress import EVENTS
 from kb.net import redact
+from kb.version import __version__
 
 _names: list[str] = []  # of the command that runs
 

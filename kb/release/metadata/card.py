@@ -16,7 +16,6 @@ read in many places: a bar for each filter stage, or for the most frequent keywo
 
 from typing import Any
 
-from kb import __version__
 from kb.core.context import Run
 from kb.core.installation import install_extra, lock_digest, software_address
 from kb.core.licences import licence
@@ -26,6 +25,7 @@ from kb.release import provenance
 from kb.release.metadata.measure import Facts, TableFacts
 from kb.release.metadata.templates import about, language, md, name, notes, render
 from kb.release.provenance import Changes
+from kb.version import __version__
 
 WIDTH = 40  # of the longest bar, in characters
 

@@ -14,7 +14,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, cast
 
-from kb import __version__
 from kb.core import clock, signals
 from kb.core.errors import (
     CredentialRefused,
@@ -31,6 +30,7 @@ from kb.net import redact
 from kb.net.certificates import untrusted
 from kb.net.hub_client import use_own_client
 from kb.net.retry import retry_after
+from kb.version import __version__
 
 PUBLIC = "https://huggingface.co"
 KIND = "dataset"

@@ -13,12 +13,12 @@ from typing import Any
 
 import msgspec
 
-from kb import __version__
 from kb.core.config.profile import Profile
 from kb.core.summary import vocabulary
 from kb.store.atomic import write_bytes
 from kb.store.damage import read_note
 from kb.store.layout import Layout
+from kb.version import __version__
 
 MOST = 1000
 _SETTINGS = "settings.json"

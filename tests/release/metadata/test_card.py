@@ -13,12 +13,12 @@ import pytest
 from jinja2 import UndefinedError
 from markdown_it import MarkdownIt
 
-from kb import __version__
 from kb.cli.app import leaves
 from kb.core.licences import KNOWN
 from kb.core.sources import BY_DEFAULT, SOURCES
 from kb.release.metadata.card import size_category
 from kb.release.metadata.templates import render
+from kb.version import __version__
 from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.made import build, rows
