@@ -30,7 +30,7 @@ from kb.pairs import seeded_random
 from kb.pairs.pair_selection import FIGURES, LABELS, SCORES, asking, checked
 from kb.pairs.seeded_random import mixed
 from kb.store.atomic import replacing_folder
-from kb.store.tables import database
+from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 
 if TYPE_CHECKING:
@@ -322,7 +322,8 @@ def _sides(
             f"SELECT DISTINCT duplicate_video_id, video_id FROM {scan(quality)}"
             " WHERE duplicate_video_id IS NOT NULL"
         ).fetchall()
-    if figures := catalog.files("films/film_figures"):
+    figures = catalog.files("films/film_figures")
+    if figures and "visual_duplicate_of" in parquet.names(figures[0]):  # not by version 0.1
         con.register("chosen", pa.table({"id": pa.array(drawn.id)}))
         cluster = "PARTITION BY coalesce(visual_duplicate_of, pair_id)"
         links += con.execute(

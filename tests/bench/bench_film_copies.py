@@ -1,5 +1,5 @@
-"""Duplicates by picture: which copies of planted films are found, and which other scenes of the same
-world are taken for copies, by a small model that has learned the world's blocks in half a minute.
+"""Duplicates by picture: which copies of planted films are found, and which other scenes of the
+same world are taken for copies, by a small model that has learned its blocks in half a minute.
 
     make bench ARGS="-k film_copies"
 """
@@ -138,16 +138,13 @@ def test_film_copies_are_found(tmp_path: Path, models: dict[str, ClipModel]) -> 
     films = [[image for image, _ in film(100 + number)] for number in range(FILMS)]
     for name, model in models.items():
         videos = []
-
-        def add(video: str, vectors: np.ndarray) -> None:
-            videos.append(video)
-            keep_vectors(tmp_path, video, name, Vectors("film", dict(enumerate(vectors))))
-
         for number, frames in enumerate(films):
-            add(f"{number:02} original", vectors_of_film(tmp_path / "a.mp4", frames, model))
-            for kind, (crf, change) in COPIES.items() if number < COPIED else ():
-                copied = vectors_of_film(tmp_path / "a.mp4", change(frames), model, crf)
-                add(f"{number:02} {kind}", copied)
+            copies = {kind: COPIES[kind] for kind in COPIES if number < COPIED}
+            for kind, (crf, change) in {"original": (23, list), **copies}.items():
+                vectors = vectors_of_film(tmp_path / "a.mp4", change(frames), model, crf)
+                videos.append(f"{number:02} {kind}")
+                stored = Vectors("film", dict(enumerate(vectors)))
+                keep_vectors(tmp_path, videos[-1], name, stored)
         rows = [row for video in sorted(videos) for row in clips_of(video)]
         rows.sort(key=lambda row: (row["video_id"], row["pair_id"]))
         found = visual_duplicates(tmp_path, name, pa.Table.from_pylist(rows))

@@ -58,7 +58,8 @@ def test_film_search_duplicates_among_many_clips(tmp_path: Path) -> None:
     )
     recall, wrong = right / (copied * OF_A_VIDEO), (len(found) - right) / len(rows)
     print(
-        f"{len(rows):,} clips in {took:.0f} s ({cpu:.0f} of CPU): {recall:.1%} of copies; wrong {wrong:.3%} of clips"
+        f"{len(rows):,} clips in {took:.0f} s ({cpu:.0f} of CPU): {recall:.1%} of copies;"
+        f" wrong {wrong:.3%} of clips"
     )
     assert recall >= 0.95
     assert wrong <= 0.01

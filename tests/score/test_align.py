@@ -13,8 +13,13 @@ from tests.conftest import needs
 
 needs("av", "tokenizers", "torch")
 
+import duckdb  # noqa: E402
+
 import kb  # noqa: E402
+from kb.artifacts import release_folder  # noqa: E402
 from kb.core.errors import UsageError  # noqa: E402
+from kb.core.summary import interval_text  # noqa: E402
+from kb.release.metadata.quality import pair_quality  # noqa: E402
 from kb.sandbox.youtube.films import timeline, write_film  # noqa: E402
 from kb.score.align import aligned_times, fitted  # noqa: E402
 from kb.score.calibration import area, f1_of_clusters  # noqa: E402
@@ -230,9 +235,16 @@ def judge(world: AlignmentWorld, question: str, kinds: set[str], *options: str) 
     assert done.code == 0, done.err
 
 
+def on_the_card(world: AlignmentWorld) -> str:
+    folder = release_folder.read_release_folder(world.root / "release" / "pairs", "pairs")
+    with duckdb.connect() as con:
+        return " ".join(pair_quality(con, world.root, folder))
+
+
 def test_judgements_of_spoken_and_aligned_clips_stand_side_by_side(world: AlignmentWorld) -> None:
     done = world.kb("pairs", "align")
     assert "nobody has judged these clips" in done.err
+    assert "Nobody has looked at these clips" in on_the_card(world)
     refused = world.kb("pairs", "align", "--fit")
     assert (refused.code, "judged clips" in refused.said) == (2, True)
     judge(world, "visible", {"with"})
@@ -244,6 +256,10 @@ def test_judgements_of_spoken_and_aligned_clips_stand_side_by_side(world: Alignm
     assert every["spoken"]["share"] == pytest.approx(0.25, abs=0.05)
     assert every["aligned"]["share"] == pytest.approx(0.75, abs=0.05)
     assert likely["aligned"]["share"] > 0.95
+    shares = (interval_text(every[times]) for times in ("spoken", "aligned"))
+    assert "at spoken times {} of 72 clips; at aligned times {} of 72 clips".format(
+        *shares
+    ) in on_the_card(world)
     lines = [line for line in done.out.splitlines() if line.startswith("score.align_")]
     assert len(lines) == 2
     profile = world.path / "profile.toml"
