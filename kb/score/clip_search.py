@@ -254,7 +254,7 @@ def _hit(row: dict[str, Any], about: dict[str, Any], size: int) -> ClipHit:
         kind="clip",
         key=video,
         title=about.get("title") or video,
-        path=f"{start_s:.0f} to {end_s:.0f} s",
+        path=f"{start_s:.1f} to {end_s:.1f} s",
         score=row["similarity"],
         url=f"{SOURCES[SOURCE].url_of(video)}&t={int(start_s)}s",
         licence=about.get("license"),

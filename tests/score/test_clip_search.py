@@ -135,6 +135,7 @@ def test_a_download_has_no_clips_to_search(demo: Path, here: Here) -> None:
     assert (done.code, "no release has vectors" in done.said) == (2, True)
 
 
+@pytest.mark.slow  # a process of its own with torch
 def test_explore_leads_from_words_to_the_place_in_the_video(scored: Path, here: Here) -> None:
     done = here("search", "--clips", "creeper", "--format", "json", *at(scored))
     hits = json.loads(done.out)
