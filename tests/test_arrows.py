@@ -61,7 +61,9 @@ ALLOWED: dict[str, set[str]] = {
     },  # over the clips' films and annotate's downloads
     "reader": {"clips"} | ASKING | DATA,
     "mcp": {"reader"} | ASKING | DATA,
-    "explore": {"filters", "mcp", "reader", "look", "labels", "clips", "pairs"} | ASKING | DATA,
+    "explore": {"filters", "mcp", "reader", "look", "labels", "clips", "pairs", "score"}
+    | ASKING
+    | DATA,
     "sandbox": ROOMS | GROUND | {"core"},
     "cli": ROOMS
     | ASKING

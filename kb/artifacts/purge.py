@@ -390,7 +390,10 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
             manifest.write_vacant(root, note.manifests[name])
         if name != RELEASE:  # what it wrote lies in the folders of the others
             remove_path(ARTIFACTS[name].folder(root))
-    index.remove(root, rules.source)  # one in the user's cache as well
+    for name in ARTIFACTS:
+        kind, _, own = name.partition("/")
+        if kind == "index" and rules.source in sources_of(name):
+            index.remove(root, own)  # one in the user's cache as well
 
 
 def _behind_links(folder: Path, files: Iterable[str]) -> list[Path]:

@@ -191,7 +191,10 @@ def make(
     return Starlette(
         routes=[
             Route("/", page("overview", lambda at, _: overview.read(CurrentTables(at), about()))),
-            Route("/search", page("search", search.read, search.without_answers)),
+            Route(
+                "/search",
+                page("search", lambda at, q: search.read(at, profile, q), search.without_answers),
+            ),
             Route(
                 "/document",
                 page("document", lambda at, q: documents.read(at, language, q, readers)),

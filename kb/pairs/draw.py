@@ -2,8 +2,8 @@
 
 Of each keyword all pairs are drawn up to a common number, which is as high as N allows; within a
 keyword they are spread evenly over its videos. Limits by video come first: a video that has too
-many pairs gives those of its rarest keywords. The split keeps a channel, and videos that say nearly
-the same, on one side.
+many pairs gives those of its rarest keywords. The split keeps on one side a channel, videos that
+say nearly the same, and videos of which two drawn clips show the same.
 
 <out>/pairs.parquet    columns of pairs and quality, and `split`
 <out>/videos.txt       ids of the videos, one a line, those with the most pairs first
@@ -30,7 +30,7 @@ from kb.pairs import seeded_random
 from kb.pairs.pair_selection import FIGURES, LABELS, SCORES, asking, checked
 from kb.pairs.seeded_random import mixed
 from kb.store.atomic import replacing_folder
-from kb.store.tables import database
+from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 
 if TYPE_CHECKING:
@@ -322,6 +322,14 @@ def _sides(
             f"SELECT DISTINCT duplicate_video_id, video_id FROM {scan(quality)}"
             " WHERE duplicate_video_id IS NOT NULL"
         ).fetchall()
+    figures = catalog.files("films/film_figures")
+    if figures and "visual_duplicate_of" in parquet.names(figures[0]):  # not by version 0.1
+        con.register("chosen", pa.table({"id": pa.array(drawn.id)}))
+        cluster = "PARTITION BY coalesce(visual_duplicate_of, pair_id)"
+        links += con.execute(
+            f"SELECT DISTINCT min(video_id) OVER ({cluster}), video_id FROM {scan(figures)}"
+            f" SEMI JOIN chosen ON id = {_NUMBER}"
+        ).fetchall()
     for pair in links:
         first_video, other_video = (number.setdefault(name, len(number)) for name in pair)
         first += range(len(first), len(number))
@@ -341,8 +349,8 @@ def split_remarks(counts: Mapping[str, int], groups: int) -> list[str]:
     total = sum(counts[side] for side in SPLIT)
     sides = sorted(SPLIT, key=lambda side: (-SPLIT[side], side != "validation"))
     cause = (
-        "a channel, and videos that say nearly the same, stay on one side, and these pairs are of"
-        f" {groups:,} such group{'s' * (groups != 1)}"
+        "a channel, and videos that say or show nearly the same, stay on one side, and these pairs"
+        f" are of {groups:,} such group{'s' * (groups != 1)}"
     )
     remedy = "draw from more channels: more pairs, a looser --where, or a larger --max-videos"
     if empty := [side for side in sides if not counts[side]]:
@@ -396,8 +404,8 @@ Limits: {limited}. They are {summary["hours"]:,} hours of {summary["videos"]:,} 
 | validation | {summary["validation"]:,} |
 | test | {summary["test"]:,} |
 {noted}
-A channel is on one side of the split, and so are videos that say nearly the same. `{VIDEOS}` lists
-the videos, those with the most pairs first. With their files in a folder,
+A channel is on one side of the split, and so are videos that say or show nearly the same.
+`{VIDEOS}` lists the videos, those with the most pairs first. With their files in a folder,
 `kb clips --pairs {PAIRS} --videos FOLDER{timed}` cuts the clips.
 
 | keyword | pairs |

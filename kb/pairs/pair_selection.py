@@ -21,6 +21,7 @@ ALIGNED = ("aligned_start_s", "aligned_end_s", "alignable")
 FIGURES = (
     *("cuts", "cut_free_start_s", "cut_free_end_s", "motion", "static_share", "dark_share"),
     *ALIGNED,
+    "visual_duplicate_of",
 )
 LABELS = ("visible", "described", "on_time")  # questions about pairs
 

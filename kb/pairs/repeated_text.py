@@ -183,7 +183,14 @@ def firsts(bands: np.ndarray) -> np.ndarray:
         low, high = order[same], order[same + 1]
         alike = (hashes[low] == hashes[high]).mean(axis=1) >= ALIKE
         edges.append(np.stack((low[alike], high[alike])))
-    low, high = np.concatenate(edges, axis=1)
+    return joined_firsts(len(bands), *np.concatenate(edges, axis=1))
+
+
+def joined_firsts(count: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Of `count` things the number of the first one of the cluster that each is in (itself where it
+    is alone), where `low` and `high` are joined one by one.
+    """
+    first = np.arange(count)
     while True:
         least = np.minimum(first[low], first[high])
         changed = first.copy()

@@ -41,6 +41,7 @@ from kb.core.installation import np, require
 from kb.core.summary import Summary
 from kb.schema.tables import table
 from kb.score.calibration import SECTION, section
+from kb.score.clip_search import remember_model
 from kb.score.figures import write_figures
 from kb.score.film_pass import watch_film
 from kb.score.film_store import (
@@ -134,6 +135,7 @@ def score(
             task.advance(1, pairs=len(made.scores))
         visible = _write(run, _with_others(run, name, scored_rows))
         write_figures(run)
+        remember_model(run.root, name, path)
     scored = sum(map(len, scored_rows))
     return Summary(
         command="pairs score",

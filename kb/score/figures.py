@@ -8,6 +8,7 @@ dark_share    the share of the clip's sampled pictures whose mean value is below
 cut_free_…    the stretch of the clip between two cuts or fades that contains the middle of the
               matched phrase
 aligned_…     and alignable: kb.score.align, by the model that `kb pairs align` took
+visual_…      duplicate_of: kb.score.visual_duplicates, by the model that scored the pairs
 
 Everything is computed of what `kb.score.film_store` has, so no film is opened.
 """
@@ -31,9 +32,10 @@ from kb.core.summary import Summary
 from kb.pairs.clip_tokens import LENGTH
 from kb.schema.tables import table
 from kb.score import align as alignment
-from kb.score.calibration import judgements
+from kb.score.calibration import SECTION, judgements
 from kb.score.film_pass import SAMPLE_S
 from kb.score.film_store import SeenFilm, seen_film, seen_videos, stored_model
+from kb.score.visual_duplicates import CLIP, visual_duplicates
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST
 from kb.store.layout import Layout
 from kb.store.lock import writer
@@ -186,12 +188,26 @@ def _shot_rows(run: Run, videos: Iterable[str]) -> Iterator[dict[str, Any]]:
 def _figure_rows(
     run: Run, videos: list[str], by_model: alignment.Aligner | None
 ) -> Iterator[dict[str, Any]]:
+    duplicates = _visual_duplicates(run, videos)
     for rows, seen in _seen_rows(run, videos):
         columns = by_model.columns(rows, seen) if by_model is not None else {}
         for row in rows:
             figures = figures_of(row, seen)._asdict()
+            figures["visual_duplicate_of"] = duplicates.get(row["pair_id"])
             ids = {"pair_id": row["pair_id"], "video_id": row["video_id"]}
             yield ids | figures | columns.get(row["pair_id"], {})
+
+
+def _visual_duplicates(run: Run, videos: list[str]) -> dict[str, str]:
+    models = measures.read_measures(Layout(run.root).pairs).get(SECTION, {}).get("models")
+    if not models:
+        return {}
+    with database.connect(run.root) as con:
+        con.register("seen", pa.table({"video_id": pa.array(videos, pa.string())}))
+        clips = con.sql(f"""
+            SELECT {CLIP} FROM {scan(Layout(run.root).rows("pairs/pairs"))}
+            SEMI JOIN seen USING (video_id) ORDER BY video_id, pair_id""").to_arrow_table()
+    return visual_duplicates(run.root, models[0], clips)
 
 
 def _seen_rows(run: Run, videos: list[str]) -> Iterator[tuple[list[dict[str, Any]], SeenFilm]]:

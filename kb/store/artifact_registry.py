@@ -133,6 +133,9 @@ def _declared() -> Iterator[Artifact]:
             settings=tuple(f"{source}.language" for source in SOURCES),
             rules=9,
         )
+    # What a search makes of vectors of films, which no build can do without the model.
+    clips = ("pairs/pairs", "pairs/scores")
+    yield Artifact("index/clips", ("pairs",), "kb search --clips WORDS", "pairs", reads=clips)
     figured = (f"{name}.{key}" for name, source in SOURCES.items() for key in source.figured)
     yield Artifact(
         "report",

@@ -1,5 +1,7 @@
 """Draws of pairs: even over keywords and videos, split without a leak."""
 
+import shutil
+from itertools import pairwise
 from pathlib import Path
 
 import duckdb
@@ -16,6 +18,8 @@ from kb.core.context import Run
 from kb.core.errors import UsageError
 from kb.pairs.build import build
 from kb.pairs.draw import SPLIT, Asked, Limits, Pool, chosen_rows, draw, sides_of, split_remarks
+from kb.schema.tables import table
+from kb.store.tables.shard_writer import write_table
 from tests.conftest import needs
 from tests.pairs.made import fill
 
@@ -167,6 +171,54 @@ def test_channels_and_duplicates_stay_together(made: Run, tmp_path: Path) -> Non
         assert len({one[3] for one in rows if one[0] == channel}) == 1
     assert all(side.get(copy, split) == split for _, copy, _, split in rows if copy)
     assert summary["train"] + summary["validation"] + summary["test"] == 200
+
+
+def test_drawn_clips_that_show_the_same_stay_together(made: Run, tmp_path: Path) -> None:
+    """A chain through three videos of different channels; what is not drawn joins nothing."""
+    root = Path(shutil.copytree(made.root, tmp_path / "data"))
+    run = Run(made.settings, made.profile, root, workers=1)
+    pairs = duckdb.sql(
+        f"""SELECT pair_id, video_id FROM '{root}/pairs/pairs-*.parquet'
+        JOIN '{root}/clean/youtube/videos/*.parquet' USING (video_id)
+        QUALIFY row_number() OVER (PARTITION BY video_id ORDER BY pair_id) <= 2
+            AND min(video_id) OVER (PARTITION BY channel_id) = video_id
+        ORDER BY video_id, pair_id"""
+    ).fetchall()
+    videos = {video: [pair for pair, of in pairs if of == video] for _, video in pairs}
+    chain = [own for own in videos.values() if len(own) == 2][:12]
+    assert len(chain) == 12
+    linked = {pair: None for own in chain for pair in own}
+    linked |= {own[0]: before[1] for before, own in pairwise(chain)}
+    rows = [
+        {"pair_id": pair, "video_id": video, "visual_duplicate_of": linked.get(pair)}
+        | {"cuts": 0, "cut_free_start_s": 0.0, "cut_free_end_s": 1.0}
+        for pair, video in pairs
+    ]
+    name = "films/film_figures"
+    write_table(
+        root / "films" / "film_figures-00000-of-00001.parquet",
+        pa.Table.from_pylist(rows, schema=table(name).arrow()),
+        name,
+    )
+    [(every,)] = duckdb.sql(f"SELECT count(*) FROM '{root}/pairs/pairs-*.parquet'").fetchall()
+    apart = 0
+    for seed in range(3):
+        draw(run, Asked(every, seed=seed), tmp_path / "draw")
+        side = dict(
+            duckdb.sql(f"SELECT video_id, split FROM '{tmp_path}/draw/pairs.parquet'").fetchall()
+        )
+        assert len({side[video] for video, own in videos.items() if own in chain}) == 1
+        firsts = Asked(1, where="visual_duplicate_of IS NULL", seed=seed)
+        with pytest.raises(UsageError, match="at most") as error:
+            draw(run, firsts._replace(n=every + 1), tmp_path / "draw")
+        most = int(str(error.value).rpartition(" ")[2].replace(",", ""))
+        assert most == every - 11
+        draw(run, firsts._replace(n=most), tmp_path / "draw")
+        side = dict(
+            duckdb.sql(f"SELECT video_id, split FROM '{tmp_path}/draw/pairs.parquet'").fetchall()
+        )
+        apart += len({side[video] for video, own in videos.items() if own in chain}) > 1
+    assert apart
 
 
 @pytest.mark.parametrize(

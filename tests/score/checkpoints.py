@@ -12,7 +12,7 @@ WIDTH, LAYERS, SIDE, PATCH, VOCABULARY = 128, 2, 64, 16, 49_408
 IMAGE, TEXT = "visual.transformer.resblocks", "transformer.resblocks"
 
 
-def random_clip(vocabulary: int = VOCABULARY) -> CLIPModel:
+def random_clip(vocabulary: int = VOCABULARY, dimensions: int = 64) -> CLIPModel:
     """A small CLIP of transformers with random weights."""
     torch.manual_seed(0)
     part = {
@@ -23,7 +23,7 @@ def random_clip(vocabulary: int = VOCABULARY) -> CLIPModel:
     }
     text = {**part, "eos_token_id": 49_407, "vocab_size": vocabulary}
     vision = {**part, "image_size": SIDE, "patch_size": PATCH}
-    model = CLIPModel(CLIPConfig(text_config=text, vision_config=vision, projection_dim=64))
+    model = CLIPModel(CLIPConfig(text_config=text, vision_config=vision, projection_dim=dimensions))
     for weights in model.parameters():
         weights.data += torch.randn_like(weights) * 0.05
     return model.eval()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,10 +14,12 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, warn, warn_stale
 from kb.cli.framework.options import Options
 from kb.core.context import Run
+from kb.core.errors import SettingError
 from kb.core.sources import KINDS, SOURCES
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
+    from kb.score.clip_search import ClipHit
     from kb.search.answers import SearchHit
 
 
@@ -78,6 +80,7 @@ def index(run: Run) -> Summary:
         "kb search saltstone --source wiki --kind table --format json",
         "kb search tame --entity Wolf",
         "kb search creeper --since 2023-01-01 --each 3 --limit 30",
+        'kb search --clips "a wolf sits beside a player"    by the pictures of scored clips',
     ],
 )
 def search(
@@ -138,6 +141,22 @@ def search(
             "--size", min=1, metavar="N", help="At most N characters of an answer's text."
         ),
     ] = 1000,
+    clips: Annotated[
+        bool,
+        typer.Option(
+            "--clips",
+            help="Search the pictures of clips that `kb pairs score` has seen, by its CLIP model.",
+        ),
+    ] = False,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            metavar="FILE",
+            help="With --clips: the model, where clips were seen by several. [default: the one that"
+            " has seen them]",
+        ),
+    ] = None,
 ) -> Summary | None:
     """Search everything that was kept: best passages first, each with a link that opens it.
 
@@ -145,7 +164,18 @@ def search(
     source, date, licence, score, a snippet with the words marked, and the URL. An index that is
     missing or out of date is built first, as by `kb index`. --data may be a data root, a restored
     one or a downloaded release, whose index is kept in the user's cache.
+
+    With --clips words are compared with what clips show, each clip of the pairs whose film was
+    seen; the score is the cosine of clip and words. Answers have the clip's times, and what is
+    spoken in it. No film is opened. Needs the extra `score`.
     """
+    if clips:
+        others = {"--source": source, "--kind": kind, "--entity": entity}
+        _refuse("--clips", others | {"--since": since, "--until": until})
+        each_ = None if every else each
+        return _search_clips(options, " ".join(words), model or "", each_, least, size, format)
+    if model is not None:
+        raise SettingError("--model is for --clips", hint="add --clips, or leave it out")
     from kb.search.answers import search_as_meant
     from kb.search.build import ensure
     from kb.search.coverage import coverage
@@ -189,7 +219,51 @@ def search(
     return None
 
 
-def lines(number: int, hit: SearchHit) -> Iterator[str]:
+def _refuse(option: str, others: Mapping[str, object]) -> None:
+    if given := [name for name, value in others.items() if value]:
+        raise SettingError(f"{given[0]} has no effect with {option}", hint=f"leave {given[0]} out")
+
+
+def _search_clips(
+    options: Options,
+    words: str,
+    model: str,
+    each: int | None,
+    least: float,
+    size: int,
+    format: AnswerFormat,
+) -> Summary | None:
+    """`kb search --clips`."""
+    from kb.score.clip_search import ClipSearch
+
+    run = options.make_run()
+    warn_stale(run)
+    asked = ClipSearch(run.root, run.profile, model)
+    if not asked.is_current:
+        asked.build(run)
+    lowest = least or -1.0
+    hits = asked.hits(words, options.limit or LIMIT, each=each, least=lowest, size=size)
+    cut = asked.cut_tokens(words)
+    if options.json or format is AnswerFormat.json:
+        import msgspec
+
+        plain = [msgspec.to_builtins(hit) for hit in hits]
+        if options.json:
+            return Summary(command="search", answers=plain, cut_tokens=cut, model=asked.model)
+        show(msgspec.json.encode(plain).decode())
+    for number, hit in enumerate(hits if format is AnswerFormat.text else (), 1):
+        for line in lines(number, hit):
+            show(line)
+    if cut:
+        show(
+            f"the words are too long for the model: their last {cut} tokens are left out", err=True
+        )
+    if not hits:
+        show("no answers", err=True)
+    return None
+
+
+def lines(number: int, hit: SearchHit | ClipHit) -> Iterator[str]:
     """The lines that show an answer."""
     yield f"{number:2}. {hit.title} › {hit.path}" if hit.path else f"{number:2}. {hit.title}"
     facts = [
@@ -282,7 +356,6 @@ def explore(
     """
     from kb.artifacts.table_catalog import read_catalog
     from kb.cli.commands.overview import overview
-    from kb.core.errors import SettingError
     from kb.core.installation import require
     from kb.explore.judge import JudgeDesk
     from kb.explore.server import serve
@@ -318,10 +391,13 @@ def explore(
 def _build_index(run: Run) -> None:
     from kb.core.errors import Interrupted, KbError
     from kb.core.sources import SOURCES
+    from kb.score.clip_search import ClipSearch, has_clips
     from kb.search.build import ensure
 
     try:
         ensure(run, list(SOURCES))
+        if has_clips(run.root) and not (asked := ClipSearch(run.root, run.profile)).is_current:
+            asked.build(run)
     except Interrupted:
         raise
     except KbError as error:  # the other pages need none

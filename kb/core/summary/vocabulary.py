@@ -114,8 +114,10 @@ WORDS: dict[str, Word] = {
     "indexed": Word("Sources whose index was rebuilt; the others were up to date."),
     "answers": Word(
         "Each answer: text, snippet, source, kind, key, title, path, score, url, licence, date,"
-        " start_s."
+        " start_s; of a clip also pair_id, video_id, keyword, clip_start_s, clip_end_s, similarity."
     ),
+    "cut_tokens": Word("Tokens of the words that are more than the model reads."),
+    "search.model": Word("The model by whose vectors clips were searched."),
     # Nouns.
     "channels": Word("Channels found so far.", "{n} channels"),
     "videos": Word("Videos.", "{n} videos"),
