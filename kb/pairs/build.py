@@ -23,7 +23,7 @@ from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.installation import np
 from kb.core.summary import Summary
-from kb.core.summary.vocabulary import count
+from kb.core.summary.phrases import count
 from kb.pairs import keywords as lists
 from kb.pairs import quality, transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from kb.core.summary import Summary, vocabulary
+from kb.core.summary import Summary, phrases, vocabulary
 from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.conftest import needs
@@ -57,7 +57,7 @@ def test_the_four_answers_are_the_same_in_filter_and_status(done: Done, source: 
         answered = (numbers[name] for name in ("kept", "rejected", "failed", "pending"))
         assert numbers["crawled"] == sum(answered)
     for counted, numbers in filtered["tally"].items():
-        said = vocabulary.tally(counted, numbers)
+        said = phrases.tally(counted, numbers)
         assert said in done.line(source, "filter")
         assert said in done.block(source)
 
@@ -88,7 +88,7 @@ def test_what_is_exported_is_what_was_kept(done: Done, source: str) -> None:
     kept.pop("transcripts", None)  # never released
     assert released == {name: exported[name] for name in kept} == kept
     for name, rows in kept.items():
-        said = vocabulary.nouns({name: rows})
+        said = phrases.nouns({name: rows})
         assert "_" not in said
         assert not rows or said in done.line(source, "export")
         assert said in done.block(source)

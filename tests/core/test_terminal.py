@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.cli.framework.options import Bars
+from kb.cli.framework.progress_bars import Bars
 from kb.core import terminal
 from kb.query.formats import write_answer
 

@@ -12,7 +12,7 @@ from kb.cli.framework.options import Options
 from kb.core import terminal
 from kb.core.progress import span
 from kb.core.sources import SOURCES
-from kb.core.summary import vocabulary
+from kb.core.summary import phrases
 
 _COPIES = "restored", "released"
 _SHOWN_REASONS = 5
@@ -96,7 +96,7 @@ def lines(about: dict[str, Any]) -> list[str]:
         shown += own if len(own) > 1 or facts["running_pid"] else []
     rows = {"pairs": next(filter(None, about["pairs"].values()), 0), "tasks": about["tasks"]}
     if made := {name: n for name, n in (rows | about["links"]).items() if n}:
-        shown.append(f"made of them: {vocabulary.nouns(made)}")
+        shown.append(f"made of them: {phrases.nouns(made)}")
     if about["stale"]:
         shown.append("out of date:")
         shown += [f"  {old['artifact']}: {', '.join(old['reasons'])}" for old in about["stale"]]
@@ -147,17 +147,17 @@ def _collected(source: str, facts: dict[str, Any]) -> Iterator[str]:
     if facts["unread"]:
         yield f"raw data that no table is made of yet: run `kb {source} filter`"
     for counted, numbers in facts["tally"].items():
-        yield vocabulary.tally(counted, numbers)
+        yield phrases.tally(counted, numbers)
     filtered = facts["tally"].get(facts["counted"], {}).get("crawled", 0)
     if (more := facts["crawled_so_far"] - filtered) > 0:
-        crawled = vocabulary.count(more, f"{{n}} {facts['counted']} crawled")
+        crawled = phrases.count(more, f"{{n}} {facts['counted']} crawled")
         yield f"{crawled} but not filtered yet"
     if facts["left_by"]:
-        yield f"left: {vocabulary.nouns(facts['left_by'])}"
+        yield f"left: {phrases.nouns(facts['left_by'])}"
     own = (*facts["tally"], "rejected", "failed", "pending")  # in the lines above
     if extra := {name: n for name, n in facts["rows"].items() if name not in own}:
-        yield f"kept with them: {vocabulary.nouns(extra)}"
-    if copies := [f"{copy}: {vocabulary.nouns(facts[copy])}" for copy in _COPIES if facts[copy]]:
+        yield f"kept with them: {phrases.nouns(extra)}"
+    if copies := [f"{copy}: {phrases.nouns(facts[copy])}" for copy in _COPIES if facts[copy]]:
         yield "; ".join(copies)
 
 
@@ -197,7 +197,7 @@ def _age_and_cost(source: str, facts: dict[str, Any]) -> Iterator[str]:
     if facts["too_old"]:
         parts.append(f"{facts['too_old']:,} rows older than {facts['max_age_days']} days")
     spent = ("requests",) if facts["lacks"] else ("units", "requests")  # a quota is a key's
-    if cost := [*filter(None, (vocabulary.phrase(name, facts[name], {}) for name in spent))]:
+    if cost := [*filter(None, (phrases.phrase(name, facts[name], {}) for name in spent))]:
         parts.append(f"asked so far: {', '.join(cost)}")
     if parts:
         yield "; ".join(parts)
@@ -207,7 +207,7 @@ def _incomplete(source: str, facts: dict[str, Any]) -> Iterator[str]:
     """What the service did not give or Lorecrawl did not understand."""
     if facts.get("po_token"):
         yield (
-            f"{vocabulary.phrase('po_token', facts['po_token'], {})};"
+            f"{phrases.phrase('po_token', facts['po_token'], {})};"
             " a crawl on a later day tries them again. Or make transcripts of your own:"
             " `kb youtube missing-transcripts` lists what lacks one, `kb youtube import"
             " --own-transcripts DIR` takes them"
@@ -216,7 +216,7 @@ def _incomplete(source: str, facts: dict[str, Any]) -> Iterator[str]:
         names = ", ".join(facts["incomplete"])
         rest = ", …" if facts["incomplete_posts"] > len(facts["incomplete"]) else ""
         yield (
-            f"{vocabulary.phrase('incomplete_posts', facts['incomplete_posts'], {})}:"
+            f"{phrases.phrase('incomplete_posts', facts['incomplete_posts'], {})}:"
             f" {names}{rest}; the next `kb reddit crawl` tries their comments again"
         )
     if facts["unknown_keys"]:

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from kb.core.errors import CountMismatch
-from kb.core.summary import plan, vocabulary
+from kb.core.summary import phrases, plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,21 +58,19 @@ class Summary(dict[str, Any]):
         silent: tuple[str, ...] = (*_HEAD, *_ANSWERS) if tally else _HEAD
         if self.get("crawled_in_all") == self.get("crawled"):
             silent += ("crawled_in_all",)  # the first run is all
-        phrases = [vocabulary.phrase(name, self[name], self) for name in self if name not in silent]
+        parts = [phrases.phrase(name, self[name], self) for name in self if name not in silent]
         if tally:
-            phrases.insert(
-                0, "; ".join(vocabulary.tally(of, counts) for of, counts in tally.items())
-            )
+            parts.insert(0, "; ".join(phrases.tally(of, counts) for of, counts in tally.items()))
             tables = {name.rpartition("/")[2]: n for name, n in self.get("tables", {}).items()}
             if others := {noun: n for noun, n in tables.items() if noun not in tally}:
-                phrases.insert(1, f"with {vocabulary.nouns(others)}")
+                parts.insert(1, f"with {phrases.nouns(others)}")
         if left := self.get("left_by"):
-            phrases.append("left: " + vocabulary.nouns(left))
+            parts.append("left: " + phrases.nouns(left))
         for name in _END:
             why = str(self.get(name) or "")
-            phrases.append(why if why.startswith(name) or not why else f"{name}: {why}")
+            parts.append(why if why.startswith(name) or not why else f"{name}: {why}")
         head = f"{self['command']}: " if self.get("command") else ""
-        return head + ", ".join(phrase for phrase in phrases if phrase)
+        return head + ", ".join(filter(None, parts))
 
 
 _ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from kb.core import terminal
-from kb.core.summary import vocabulary
+from kb.core.summary import phrases
 
 _MORE = ("days", "searches_left_today", "units_left_today")
 _COLUMNS = ("items", "requests", "units", "hours", "gb")
@@ -68,7 +68,7 @@ def table(summary: Mapping[str, Any]) -> str:
     for row in (*rows, {"phase": "all", "items": "", **sums}):
         cells.append((row["phase"], *(_cell(name, row[name]) for name in _COLUMNS)))
     lines += [f"  {line}" for line in terminal.table(cells, 10)]
-    more = [vocabulary.phrase(name, summary.get(name), dict(summary)) for name in _MORE]
+    more = [phrases.phrase(name, summary.get(name), dict(summary)) for name in _MORE]
     if any(more):
         lines.append("  " + ", ".join(filter(None, more)))
     if summary.get("assumed"):

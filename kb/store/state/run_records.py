@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from kb.core.config.profile import Profile
-from kb.core.summary import vocabulary
+from kb.core.summary import phrases
 from kb.store.atomic import write_bytes
 from kb.store.damage import read_note
 from kb.store.layout import Layout
@@ -66,7 +66,7 @@ def _parts(sources: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
 def in_words(record: Mapping[str, Any]) -> str:
     """Figures as people read them: "60 crawled, 8 requests; reddit crawl: 3 crawled"."""
     own = {name.replace("_", " "): record[name] for name in record if name != "sources"}
-    words = [vocabulary.nouns(own)] if own else []
+    words = [phrases.nouns(own)] if own else []
     parts = record.get("sources", {}).items()
     return "; ".join(words + [f"{name}: {in_words(part)}" for name, part in parts])
 

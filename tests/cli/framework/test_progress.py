@@ -15,7 +15,7 @@ import pytest
 
 import kb.cli.app  # noqa: F401  commands, by which lines are completed
 from kb.cli.framework import messages
-from kb.cli.framework.options import Bars, choose_progress
+from kb.cli.framework.progress_bars import Bars, choose_progress
 from kb.core import clock
 from kb.core.progress import LineProgress, Progress, Task
 from tests.core.test_terminal import HOSTILE, Terminal

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from kb.core.summary import Summary, vocabulary
+from kb.core.summary import Summary, phrases
 from kb.store.lock import writer
 from kb.store.state.frontier import Frontier
 from tests.cli.commands.status.conftest import fill, status
@@ -80,7 +80,7 @@ def test_a_stopped_crawl_says_what_is_left_as_status_does(tmp_path: Path) -> Non
             assert stopped["left_by"] == about["left_by"] != {}
             assert stopped["left"] == about["left"] == sum(about["left_by"].values())
             assert stopped["pending"] == about["left_by"][ITEMS[source]]
-            left = f"left: {vocabulary.nouns(stopped['left_by'])}"
+            left = f"left: {phrases.nouns(stopped['left_by'])}"
             assert left in Summary(stopped).line()
             text = job.kb("status").stdout
             assert left in text
