@@ -17,7 +17,7 @@ from functools import lru_cache
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import pyarrow as pa
@@ -43,7 +43,7 @@ from kb.schema.tables import table
 from kb.score.calibration import SECTION, section
 from kb.score.clip_search import remember_model
 from kb.score.figures import write_figures
-from kb.score.film_pass import watch_film
+from kb.score.film_pass import Watched, watch_film
 from kb.score.film_store import (
     SeenFilm,
     Vectors,
@@ -87,6 +87,16 @@ class VideoScores(msgspec.Struct, frozen=True):
     absent: int = 0
 
 
+class ScoredVideo(NamedTuple):
+    """What a worker made of a video, and for how long its model computed and its film was watched
+    (s).
+    """
+
+    made: VideoScores
+    model_s: float = 0.0
+    pass_s: float = 0.0
+
+
 def score(
     run: Run, folders: Sequence[Path], model: Path | None, chosen: Chosen, device: str = "auto"
 ) -> Summary:
@@ -108,6 +118,7 @@ def score(
     counts = Counter[str]()
     scored_rows: list[pa.Table] = []
     waiting = deque[list[Row]]()
+    spent = np.zeros(2)  # seconds of models, and of all passes
     with (
         selected(run, folders, chosen, _COLUMNS) as (found, videos, rows),
         writer(run.root, "pairs"),
@@ -124,8 +135,8 @@ def score(
                     film = str(found.films.get(own[0]["video_id"], ""))
                     yield str(run.root), str(path), name, device, film, with_text
 
-        for made in map_in_order(executor, score_video, todo(), window=executor.window):
-            own = waiting.popleft()
+        for made, *seconds in map_in_order(executor, score_video, todo(), window=executor.window):
+            own, spent = waiting.popleft(), spent + np.array(seconds)
             video_id = own[0]["video_id"]
             counts[found.reason(video_id)[0]] += made.absent
             left = len(own) - len(made.scores) - made.absent
@@ -136,6 +147,8 @@ def score(
         visible = _write(run, _with_others(run, name, scored_rows))
         write_figures(run)
         remember_model(run.root, name, path)
+    if device != "cpu" and spent[1]:
+        run.progress.say(f"the GPU was busy for {spent[0] / spent[1]:.0%} of the time of decoding")
     scored = sum(map(len, scored_rows))
     return Summary(
         command="pairs score",
@@ -179,7 +192,7 @@ def plan(run: Run, folders: Sequence[Path], model: Path | None, chosen: Chosen) 
 
 def score_video(
     root: str, model: str, name: str, device: str, film: str, rows: list[Row]
-) -> VideoScores:
+) -> ScoredVideo:
     """The scores of a video's pairs, unless they are there. Runs in a worker. `film`: its path, ""
     where only what is stored counts. A film that changes while it is read is read again.
     """
@@ -190,21 +203,21 @@ def score_video(
         seen = seen_film(at, video_id)
         digest = film_digest(Path(film)) if film else seen.film if seen is not None else ""
         if not digest:
-            return VideoScores("", {}, absent=len(rows))
+            return ScoredVideo(VideoScores("", {}, absent=len(rows)))
         encoded = msgspec.json.encode((_RULES, name, digest, rows), order="sorted")
         made_of = hashlib.sha256(encoded).hexdigest()
         done = _read_scores(place)
         if done is not None and done.made_of == made_of and (done.undecodable or seen is not None):
-            return done
+            return ScoredVideo(done)
         loaded = _model(model, device)
-        absent = 0
+        absent, watched = 0, None
         try:
             vectors = vectors_of(at, video_id, name)
             if vectors.film != digest:
                 vectors = Vectors(digest, {}, vectors.texts)
             current = seen if seen is not None and seen.film == digest else None
             path = Path(film) if film else None
-            seen = _completed(at, current, vectors, loaded, name, path, rows)
+            seen, watched = _completed(at, current, vectors, loaded, name, path, rows)
             known = [row for row in rows if not _lacking(row, seen, vectors, loaded.step_s)]
             absent = len(rows) - len(known)
             scores = {row[0]: row[1:] for row in scores_of(known, seen, vectors, loaded)}
@@ -214,7 +227,8 @@ def score_video(
         if not film or version_of(film) == version:
             if not absent:  # else a film that comes later brings the others
                 write_bytes(place, msgspec.json.encode(made))
-            return made
+            times = (watched.model_s, watched.pass_s) if watched is not None else ()
+            return ScoredVideo(made, *times)
         forget_film(at, video_id)
 
 
@@ -226,14 +240,15 @@ def _completed(
     name: str,
     film: Path | None,
     rows: Sequence[Row],
-) -> SeenFilm:
-    """What was seen of a film. Sees it and adds vectors where these pairs need what is not stored:
-    of the film's frames, where it is there, and of the texts.
+) -> tuple[SeenFilm, Watched | None]:
+    """What was seen of a film, and the pass over it, where one was needed. Sees it and adds vectors
+    where these pairs need what is not stored: of the film's frames, where it is there, and of the
+    texts.
     """
-    video_id = rows[0]["video_id"]
+    video_id, watched = rows[0]["video_id"], None
     lacking = {tick for row in rows for tick in _lacking(row, seen, vectors, model.step_s)}
     if film is not None and (seen is None or lacking):
-        watched = watch_film(film, sorted(lacking), model)
+        watched = watch_film(film, sorted(lacking), model, ahead=model.device != "cpu")
         vectors.frames |= dict(zip(watched.ticks.tolist(), watched.vectors, strict=True))
         if seen is None:
             seen = keep_film(root, video_id, vectors.film, watched)
@@ -245,7 +260,7 @@ def _completed(
         keep_vectors(root, video_id, name, vectors)
     if seen is None:
         raise FileNotFoundError
-    return seen
+    return seen, watched
 
 
 def _lacking(row: Row, seen: SeenFilm | None, vectors: Vectors, step: float) -> list[int]:

@@ -6,10 +6,13 @@ as far as it goes. Memory holds the pictures of some seconds, however long the f
 
 from __future__ import annotations
 
+import time
+from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 from kb.clips.frames import LEAD_S, UndecodableVideo, check_film, fitted
 from kb.core import signals
@@ -22,11 +25,13 @@ if TYPE_CHECKING:
 
     from kb.score.models import ClipModel
 
+_AHEAD = 2  # batches that wait for a model on a GPU while frames are decoded
 SAMPLE_S = 1.0  # from one picture to the next of those that motion is measured of
 
 
 class Watched(NamedTuple):
-    """What a pass found. `damaged`: packets that could not be decoded.
+    """What a pass found. `damaged`: packets that could not be decoded; `model_s` and `pass_s`: how
+    long the model computed, and the whole pass took (s).
 
     motion   float32 [seconds]: of the picture in the middle of each second, the mean difference of
              its values (0 to 255) from the picture a second later; nan where one is missing
@@ -42,31 +47,41 @@ class Watched(NamedTuple):
     ticks: np.ndarray
     vectors: np.ndarray
     damaged: int
+    model_s: float = 0.0
+    pass_s: float = 0.0
 
 
-def watch_film(path: Path, ticks: Sequence[int], model: ClipModel | None) -> Watched:
+def watch_film(
+    path: Path, ticks: Sequence[int], model: ClipModel | None, *, ahead: bool = False
+) -> Watched:
     """Decode a film once. `ticks`, ascending: the places of the model's grid, (tick + ½) · step_s,
-    that a vector is wanted of.
+    that a vector is wanted of. `ahead`: frames are decoded while the model computes, for a model
+    that is not on this processor.
 
     Raises UndecodableVideo where no frame can be decoded, FileNotFoundError, Interrupted.
     """
+    begin = time.perf_counter()
     finder, sampler = ShotFinder(), _Sampler()
-    embedder = _Embedder(ticks, model)
+    embedder = _Embedder(ticks, model, ahead=ahead)
     decoder = _Decoder(path)
     end_s = 0.0
-    for time_s, until_s, frame in decoder.frames():
-        small = frame.reformat(
-            width=WIDTH, height=HEIGHT, format="bgr24", interpolation="FAST_BILINEAR", threads=1
-        ).to_ndarray()
-        finder.take(time_s, small)
-        sampler.take(time_s, until_s, small)
-        embedder.take(time_s, until_s, frame)
-        end_s = until_s
-    if not end_s:
-        raise UndecodableVideo(decoder.why or "no frame can be decoded")
-    motion, light = sampler.seconds()
-    taken, vectors = embedder.vectors()
-    return Watched(end_s, finder.shots(end_s), motion, light, taken, vectors, decoder.damaged)
+    with embedder:
+        for time_s, until_s, frame in decoder.frames():
+            small = frame.reformat(
+                width=WIDTH, height=HEIGHT, format="bgr24", interpolation="FAST_BILINEAR", threads=1
+            ).to_ndarray()
+            finder.take(time_s, small)
+            sampler.take(time_s, until_s, small)
+            embedder.take(time_s, until_s, frame)
+            end_s = until_s
+        if not end_s:
+            raise UndecodableVideo(decoder.why or "no frame can be decoded")
+        motion, light = sampler.seconds()
+        taken, vectors = embedder.vectors()
+    shots, took = finder.shots(end_s), time.perf_counter() - begin
+    return Watched(
+        end_s, shots, motion, light, taken, vectors, decoder.damaged, embedder.model_s, took
+    )
 
 
 class _Decoder:
@@ -167,12 +182,23 @@ class _Sampler:
 
 
 class _Embedder:
-    """Takes the frames at the places of a model's grid, and embeds them in batches."""
+    """Takes the frames at the places of a model's grid, and embeds them in batches; `ahead`: in a
+    thread, while the next frames come.
+    """
 
-    def __init__(self, ticks: Sequence[int], model: ClipModel | None) -> None:
+    def __init__(self, ticks: Sequence[int], model: ClipModel | None, *, ahead: bool) -> None:
         self._ticks, self._model, self._place = list(ticks), model, 0
         self._taken, self._batch = list[int](), list[np.ndarray]()
-        self._vectors = list[np.ndarray]()
+        self._vectors, self.model_s = list[np.ndarray](), 0.0
+        self._thread = ThreadPoolExecutor(1) if ahead else None
+        self._waiting = deque[Future[np.ndarray]]()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._thread is not None:
+            self._thread.shutdown(cancel_futures=True)
 
     def take(self, time_s: float, until_s: float, frame: av.VideoFrame) -> None:
         if self._model is None:
@@ -198,13 +224,28 @@ class _Embedder:
             self._embed()
 
     def _embed(self) -> None:
-        if self._batch and self._model is not None:
-            self._vectors.append(self._model.frames(self._batch).astype(np.float16))
-            self._batch = []
+        if self._batch and self._thread is None:
+            self._vectors.append(self._embedded(self._batch))
+        elif self._batch and self._thread is not None:
+            self._waiting.append(self._thread.submit(self._embedded, self._batch))
+        self._batch = []
+        self._collect(_AHEAD)
+
+    def _collect(self, left: int) -> None:
+        while len(self._waiting) > left:
+            self._vectors.append(self._waiting.popleft().result())
+
+    def _embedded(self, batch: list[np.ndarray]) -> np.ndarray:
+        begin = time.perf_counter()
+        assert self._model is not None
+        vectors: np.ndarray = self._model.frames(batch).astype(np.float16)
+        self.model_s += time.perf_counter() - begin
+        return vectors
 
     def vectors(self) -> tuple[np.ndarray, np.ndarray]:
         """The places that were taken, and their vectors."""
         self._embed()
+        self._collect(0)
         empty = np.zeros((0, 0), np.float16)
         vectors = np.concatenate(self._vectors) if self._vectors else empty
         return np.array(self._taken, np.int64), vectors

@@ -101,7 +101,7 @@ class ClipModel:
     def __init__(self, path: Path, device: str = "cpu") -> None:
         """Raises MissingModel for what is not a checkpoint of a known format, MissingExtra."""
         require("score", *EXTRA)
-        self._device = device
+        self.device = device
         self.size, self.step_s = (224, 224), 1.0
         self.fit: Fit = "crop"
         self._rgb = _CLIP_RGB
@@ -159,8 +159,8 @@ class ClipModel:
 
     def _of_mineclip(self, weights: Weights) -> CLIPModel:
         self.size, self.fit, self._rgb, self.step_s = _MINECLIP_SIZE, "stretch", _MINECLIP_RGB, 0.5
-        self._temporal = _below(weights, "temporal_encoder.attn.model.", self._device)
-        self._adapter = _below(weights, "reward_head.video_", self._device)
+        self._temporal = _below(weights, "temporal_encoder.attn.model.", self.device)
+        self._adapter = _below(weights, "reward_head.video_", self.device)
         renamed = {
             _renamed(name, _OF_MINECLIP): tensor
             for name, tensor in weights.items()
@@ -172,12 +172,12 @@ class ClipModel:
         """An embedding for each frame (uint8 [height, width, 3], RGB): float32 [frames, width]."""
         features = [np.zeros((0, self._model.config.projection_dim), np.float32)]
         mean, std = (
-            torch.tensor(one, device=self._device).view(1, 3, 1, 1) * 255 for one in self._rgb
+            torch.tensor(one, device=self.device).view(1, 3, 1, 1) * 255 for one in self._rgb
         )
         vision = self._model.vision_model
         with torch.inference_mode():
             for at in range(0, len(images), BATCH):
-                pixels = torch.from_numpy(np.stack(images[at : at + BATCH])).to(self._device)
+                pixels = torch.from_numpy(np.stack(images[at : at + BATCH])).to(self.device)
                 pixels = (pixels.permute(0, 3, 1, 2).float() - mean) / std
                 # As `vision_model` does, but for frames that are not square.
                 patches = vision.embeddings.patch_embedding(pixels).flatten(2).transpose(1, 2)
@@ -197,7 +197,7 @@ class ClipModel:
                 ids = np.stack([token_ids(text) for text in texts[at : at + BATCH]])
                 ids = ids[:, : (ids != 0).sum(axis=1).max()]
                 embedded = self._model.get_text_features(
-                    torch.from_numpy(ids).to(self._device)
+                    torch.from_numpy(ids).to(self.device)
                 ).pooler_output
                 features.append(embedded.cpu().numpy())
         return unit(np.concatenate(features))
@@ -211,7 +211,7 @@ class ClipModel:
         # As many as it was trained with, evenly over the clip.
         places = ((np.arange(_MINECLIP_FRAMES) + 0.5) / _MINECLIP_FRAMES * len(frames)).astype(int)
         with torch.inference_mode():
-            taken = torch.from_numpy(frames[places]).to(self._device)
+            taken = torch.from_numpy(frames[places]).to(self.device)
             pooled = _pooled(taken, self._temporal) if self._temporal else taken.mean(0)
             return unit(_adapted(pooled, self._adapter).cpu().numpy())
 
