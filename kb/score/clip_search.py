@@ -157,7 +157,7 @@ class ClipSearch:
             clips = pa.ipc.open_file(file).read_all()
             vectors = np.load(folder / f"{self.model}.npy", mmap_mode="r")
             asked = _encoder(self._file).texts([words])[0]
-            similar = _similarities(vectors, asked) if len(vectors) else np.zeros(0, np.float32)
+            similar = _similarities(vectors, asked)
             order = np.argsort(-similar, kind="stable")
             order = order[similar[order] >= least]
             best = list[dict[str, Any]]()
@@ -237,10 +237,20 @@ def _embedded(
 
 
 def _similarities(vectors: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """The cosine of each vector with the one asked for: float32 [clips]."""
-    asked = asked.astype(np.float32)
-    chunks = (vectors[at : at + _CHUNK] for at in range(0, len(vectors), _CHUNK))
-    return np.concatenate([chunk.astype(np.float32) @ asked for chunk in chunks])
+    """The cosine of each vector (float16) with the one asked for: float32 [clips].
+
+    A float16 becomes a float32 by its bits, which takes a third of NumPy's time: the sign stays in
+    front, the rest moves to where a float32 has it, and the exponent is then 112 too low. One
+    thread computes, as those of a BLAS wait for each other longer than so small products take.
+    """
+    asked, products = asked.astype(np.float32), [np.zeros(0, np.float32)]
+    for at in range(0, len(vectors), _CHUNK):
+        bits = vectors[at : at + _CHUNK].view(np.int16).astype(np.int32)
+        bits <<= 13
+        bits &= ~0x70000000
+        products.append(np.einsum("ij,j->i", bits.view(np.float32), asked))
+    similar: np.ndarray = np.concatenate(products) * np.float32(2.0**112)
+    return similar
 
 
 def _hit(row: dict[str, Any], about: dict[str, Any], size: int) -> ClipHit:
