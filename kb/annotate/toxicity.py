@@ -108,9 +108,11 @@ class ToxicityScorer:
         """`CATEGORIES` and `precision` of each hash, in order; null where there is none."""
         return unscored(len(hashes)) if self.scores is None else self.scores.lookup(hashes)
 
-    def annotate(self, batches: Iterable[Any]) -> AnnotationCounts:
+    def annotate(
+        self, batches: Iterable[Any], part: tuple[int, int] | None = None
+    ) -> AnnotationCounts:
         """Score what has no score yet, of batches of texts (Arrow columns or lists; null and "" are
-        passed over).
+        passed over). `part`: (2, 4) for the second of four parts of them, by their hashes.
 
         Each finished chunk is on disk before the next one is begun. Raises LimitReached (`--limit`
         new texts), Interrupted, DiskFull: the next call goes on there.
@@ -118,15 +120,17 @@ class ToxicityScorer:
         if self.checkpoint is None or self.scores is None:
             return AnnotationCounts()
         with self.run.progress.task(f"toxicity {self.source}", unit="texts") as task:
-            counts = self._annotate(batches, task)
+            counts = self._annotate(batches, task, part or (1, 1))
         folder = Path(self.scores.folder)
         if parquet_files(folder, score_files.PARTS):
             score_files.unite(folder)
         return counts
 
-    def _annotate(self, batches: Iterable[Any], task: Any) -> AnnotationCounts:
+    def _annotate(
+        self, batches: Iterable[Any], task: Any, part: tuple[int, int]
+    ) -> AnnotationCounts:
         assert self.scores is not None
-        chunks = Chunks(self.scores, self.threshold, self.run.limit, task, self.least)
+        chunks = Chunks(self.scores, self.threshold, self.run.limit, task, self.least, part)
         assert self.checkpoint is not None
         local = self.run.engine == "local"
         threads = self.run.workers if local else 0
@@ -241,9 +245,10 @@ class Chunks:
         limit: int | None,
         task: Any,
         least: str | None = None,
+        part: tuple[int, int] = (1, 1),
     ) -> None:
         self._scores, self._threshold, self._limit, self._task = scores, threshold, limit, task
-        self._least = least
+        self._least, (self._number, self._parts) = least, part
         self._given: set[str] = set()
         self._part = FIRST
         self.texts = 0
@@ -312,6 +317,8 @@ class Chunks:
             )
             for key, text in zip(text_hashes(column).to_pylist(), column.to_pylist(), strict=True):
                 if key is None or text is None or key in texts:
+                    continue
+                if int(key[:16], 16) % self._parts != self._number - 1:
                     continue
                 texts[key] = text
                 size += len(text)

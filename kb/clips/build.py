@@ -3,11 +3,12 @@
 <out>/clips-00000.tar       webdataset: a clip's frames, row, times and tokens
 <out>/<video>/<pair>.npz    the same with --format npz
 <out>/clips-00000.json      what became of the pairs of these videos, and of what it was made
-<out>/left_out.csv          pairs without a clip, and why
+<out>/left_out.csv          pairs without a clip, and why; left_out-2-of-4.csv those of a part
 
 A shard has videos with neighbouring ids, with a file or without, so that another file changes one
-shard. A run that was stopped goes on with the shards that are left; one whose pairs, files or
-options have changed is made again.
+shard. A run that was stopped goes on with the shards that are left; one whose pairs, films or
+options have changed is made again. The second of four parts is the second of every four shards, so
+the files of the parts, brought into one folder, are those of one machine.
 """
 
 from __future__ import annotations
@@ -38,10 +39,17 @@ from kb.clips.clip_files import (
     writer_of,
 )
 from kb.clips.clip_sources import cut, frame_times
-from kb.clips.film_lookup import FILM_DIFFERS, MISSING, UNDECODABLE, Found, find_films
+from kb.clips.film_lookup import (
+    FILM_DIFFERS,
+    MISSING,
+    UNDECODABLE,
+    Found,
+    film_digest,
+    find_films,
+)
 from kb.clips.frames import UndecodableVideo
 from kb.core.context import Run
-from kb.core.engine import make_executor, map_in_order
+from kb.core.engine import executor_of_tasks, map_in_order
 from kb.core.errors import UsageError
 from kb.core.installation import require
 from kb.core.suggestions import similar
@@ -61,14 +69,17 @@ _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
 SHORT = "short"
 _REASONS = (MISSING, SHORT, UNDECODABLE, FILM_DIFFERS, NOT_ALIGNED)
 _COLUMNS = "pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, text"
+# By which videos are dealt out to parts: a number that new videos don't change, or their shard's.
+BY_VIDEO = "('0x' || left(sha256(video_id), 16))::UBIGINT"
+_SHARD = f"(dense_rank() OVER (ORDER BY video_id) - 1) // {_VIDEOS}"
 
 
 class Chosen(NamedTuple):
     """Which pairs: of a keyword, of a file with `pair_id`, by a condition in DuckDB's SQL on the
     columns of pairs and quality (or of the file), a sample of so many. `within_shot`: those whose
     film was seen, and of each clip the stretch without a cut. `part`: (2, 4) for the second of four
-    parts of their videos. `aligned`: times of `kb pairs align`, of pairs that are alignable at
-    least so much; the others have none.
+    parts of their videos, which `selected` says how to make. `aligned`: times of `kb pairs align`,
+    of pairs that are alignable at least so much; the others have none.
     """
 
     keyword: str = ""
@@ -95,7 +106,7 @@ def plan(run: Run, folders: Sequence[Path], options: CutOptions, chosen: Chosen)
     _require()
     clips, left_out = 0, Counter[str]()
     seconds = 0.0
-    with selected(run, folders, chosen, _COLUMNS) as (found, _, rows):
+    with selected(run, folders, chosen, _COLUMNS, _SHARD) as (found, _, rows):
         for row in (row for own in rows for row in own):
             if lack := _lack(row, found):
                 left_out[lack.reason] += 1
@@ -129,16 +140,19 @@ def build(
     _require()
     left_out: list[LeftOut] = []
     clips = 0
-    with selected(run, folders, chosen, _COLUMNS) as (found, videos, rows):
+    number, parts = chosen.part or (1, 1)
+    with selected(run, folders, chosen, _COLUMNS, _SHARD) as (found, videos, rows):
         films = found.films
         starts = range(0, len(videos), _VIDEOS)
         names = {
-            at: f"clips-{at // _VIDEOS:05d}"
+            at: f"clips-{at // _VIDEOS * parts + number - 1:05d}"
             for at in starts
             if not films.keys().isdisjoint(videos[at : at + _VIDEOS])
         }
         for path in place.glob("clips-[0-9]*.*") if place.is_dir() else ():
-            if path.stem not in names.values():  # of films that are gone
+            shard = path.stem.removeprefix("clips-")
+            ours = shard.isdecimal() and int(shard) % parts == number - 1
+            if ours and path.stem not in names.values():  # of films that are gone
                 path.unlink()
 
         def todo() -> Iterator[tuple[str, str, list[tuple[str, list[Row]]], CutOptions]]:
@@ -153,14 +167,14 @@ def build(
 
         with (
             run.progress.task("clips", total=len(names), unit="shards") as task,
-            make_executor("local", min(run.workers, max(1, len(names)))) as executor,
+            executor_of_tasks(run, len(names), place, folders) as executor,
         ):
             for report in map_in_order(executor, cut_shard, todo(), window=executor.window):
                 clips += len(report.clips)
                 left_out.extend(report.left_out)
                 task.advance(1, clips=len(report.clips))
-    _write_left_out(place, left_out)
-    counts = Counter(one.reason for one in left_out)
+    _write_left_out(place, f"left_out-{number}-of-{parts}.csv" if chosen.part else "", left_out)
+    counts = Counter(pair.reason for pair in left_out)
     return Summary(
         command="clips",
         pairs=clips + len(left_out),
@@ -188,9 +202,10 @@ def _require() -> None:
 
 @contextlib.contextmanager
 def selected(
-    run: Run, folders: Sequence[Path], chosen: Chosen, columns: str
+    run: Run, folders: Sequence[Path], chosen: Chosen, columns: str, dealt: str = BY_VIDEO
 ) -> Iterator[Selection]:
     """These columns of the chosen pairs (video_id and text among them) and their videos' files.
+    `dealt`: a number in SQL by which videos are dealt out to parts in turn.
 
     Raises FatalError without pairs or with pairs that are out of date, UsageError for a wrong
     folder or condition, DamagedData.
@@ -209,8 +224,6 @@ def selected(
     )
     number, parts = chosen.part or (1, 1)
     values = {
-        "number": number - 1,
-        "parts": parts,
         "keyword": chosen.keyword,
         "seed": str(run.seed),
         "sample": 1 << 62 if chosen.sample is None else chosen.sample,
@@ -219,25 +232,28 @@ def selected(
         reading(catalog.files("pairs/pairs")),
         database.connect(catalog.spill, memory=_MEMORY) as con,
     ):
+        every = f"""
+            SELECT {columns}
+            FROM ({checked(con, asked, chosen.where)})
+            WHERE $keyword = '' OR lower(keyword) = lower($keyword)
+            QUALIFY row_number() OVER (ORDER BY md5($seed || ' ' || pair_id), pair_id) <= $sample"""
         con.sql(
             f"""
-            SELECT * FROM (
-                SELECT {columns}
-                FROM ({checked(con, asked, chosen.where)})
-                WHERE $keyword = '' OR lower(keyword) = lower($keyword)
-                QUALIFY row_number() OVER (ORDER BY md5($seed || ' ' || pair_id), pair_id)
-                    <= $sample)
-            WHERE ('0x' || left(sha256(video_id), 16))::UBIGINT % $parts = $number
+            SELECT * EXCLUDE turn
+            FROM (SELECT *, {dealt if chosen.part else 0} AS turn FROM ({every}))
+            WHERE turn % {parts} = {number - 1}
             ORDER BY video_id, clip_start_s, pair_id""",
             params=values,
         ).create("chosen")
         counts = con.sql("SELECT video_id, count(text) FROM chosen GROUP BY 1 ORDER BY 1")
         with_text = {str(key): n for key, n in counts.fetchall()}
-        if not with_text and chosen.keyword:
+        # A part may be empty where there are fewer videos than machines.
+        some = with_text or con.execute(f"FROM ({every}) LIMIT 1", values).fetchall()
+        if not some and chosen.keyword:
             raise UsageError(f"no pair has the keyword {chosen.keyword!r}", hint=_near(run, chosen))
-        if not with_text:
+        if not some:
             raise UsageError("no pair meets the condition")
-        if not any(with_text.values()):
+        if with_text and not any(with_text.values()):
             run.progress.say(
                 "the pairs have no texts, as in every release, so their clips get no tokens:"
                 " restore the release first"
@@ -299,6 +315,7 @@ def cut_shard(
             for row in rows
         ]
         films = [film for film, other in zip(films, changed, strict=True) if not other]
+        made_of = _digest(films, options)  # so that the next run cuts the others
     report = ShardReport(made_of, options, clips, left_out + missed)
     write_bytes(place / f"{name}.json", msgspec.json.encode(report))
     return report
@@ -331,15 +348,18 @@ def version_of(path: str) -> tuple[int, int] | None:
 
 
 def _digest(films: list[tuple[str, list[Row]]], options: CutOptions) -> str:
-    versions = [version_of(path) for path, _ in films]
-    encoded = msgspec.json.encode((films, versions, options), order="sorted")
-    return hashlib.sha256(encoded).hexdigest()
+    """Of the films' content and the pairs, wherever the films lie."""
+    cut_from = [(film_digest(Path(path)), rows) for path, rows in films]
+    return hashlib.sha256(msgspec.json.encode((cut_from, options), order="sorted")).hexdigest()
 
 
-def _write_left_out(place: Path, left_out: Sequence[LeftOut]) -> None:
+def _write_left_out(place: Path, name: str, left_out: Sequence[LeftOut]) -> None:
+    """Write them under the `name` of a part, or, without one, instead of those of all parts."""
+    for path in place.glob("left_out-*-of-*.csv") if not name else ():
+        path.unlink()
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(LeftOut.__struct_fields__)
-    ordered = sorted(left_out, key=lambda one: (one.video_id, one.pair_id))
+    ordered = sorted(left_out, key=lambda pair: (pair.video_id, pair.pair_id))
     lines.writerows(map(msgspec.structs.astuple, ordered))
-    write_text(place / "left_out.csv", text.getvalue())
+    write_text(place / (name or "left_out.csv"), text.getvalue())

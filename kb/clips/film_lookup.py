@@ -9,6 +9,8 @@ does. What lasts nearly as long can't be told from the video: a copy from which 
 
 from __future__ import annotations
 
+import hashlib
+import os
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -33,6 +35,7 @@ _ENDINGS = frozenset(
 _CHAPTER = re.compile(r".* - [0-9]{3,} .*")
 _END = 10**13  # µs; beyond the end of every film
 _THREADS = 8  # that wait for disks
+_DIGEST_ENDS = 1 << 20  # bytes of the beginning and the end of a film that its digest is of
 
 
 class Found(NamedTuple):
@@ -59,8 +62,8 @@ def find_films(folders: Iterable[Path], lengths_s: Mapping[str, float | None]) -
         lengths = [lengths_s[video_id] or None for video_id in named]
         chosen = threads.map(_choose, named.values(), lengths)
         verdicts = dict(zip(named, chosen, strict=True))
-    films = {key: one for key, one in verdicts.items() if isinstance(one, Path)}
-    refused = {key: one for key, one in verdicts.items() if not isinstance(one, Path)}
+    films = {key: path for key, path in verdicts.items() if isinstance(path, Path)}
+    refused = {key: why for key, why in verdicts.items() if not isinstance(why, Path)}
     return Found(films, refused, sum(not lengths_s[key] for key in films))
 
 
@@ -78,7 +81,7 @@ def candidates(folders: Iterable[Path], ids: Collection[str]) -> dict[str, list[
     for path in _films_below(folders):
         stem = without_stream(path.stem)
         named = (*possible_ids(stem), path.parent.name)
-        if key := next((one for one in named if one in wanted), ""):
+        if key := next((name for name in named if name in wanted), ""):
             (whole if stem == path.stem else streams)[key].append(path)
     for some in streams.values():
         some.sort(key=lambda path: -path.stat().st_size)
@@ -126,6 +129,19 @@ def _choose(paths: list[Path], video_s: float | None) -> Path | tuple[str, str]:
     return min(refused.items())  # another film says more than a file that does not open
 
 
+def film_digest(path: Path) -> str:
+    """A digest of a film's size, beginning and end; "" where it can't be read."""
+    try:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            digest = hashlib.sha256(f"{size} ".encode() + file.read(_DIGEST_ENDS))
+            file.seek(max(0, size - _DIGEST_ENDS))
+            digest.update(file.read(_DIGEST_ENDS))
+    except OSError:
+        return ""
+    return digest.hexdigest()[:32]
+
+
 def film_length_s(path: Path) -> float:
     """From the start of a container to the end of its last picture or sound (s), whatever its
     header says: read from packets, of which nothing is decoded. Raises UndecodableVideo,
@@ -154,9 +170,9 @@ def _end(film: av.container.InputContainer, *, seeks: bool) -> Fraction | None:
     import av  # noqa: PLC0415
 
     cover = av.stream.Disposition.attached_pic
-    streams = [one for one in film.streams if one.type in ("audio", "video")]
-    streams = [one for one in streams if not one.disposition & cover]
-    if not any(one.type == "video" for one in streams):
+    streams = [stream for stream in film.streams if stream.type in ("audio", "video")]
+    streams = [stream for stream in streams if not stream.disposition & cover]
+    if not any(stream.type == "video" for stream in streams):
         raise UndecodableVideo("no video stream")
     end: Fraction | None = None
     try:

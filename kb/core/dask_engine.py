@@ -1,7 +1,8 @@
 """The executor of `--engine dask`: tasks go to the workers of a Dask cluster.
 
-Every worker needs this Lorecrawl, these packages and this Python, and sees the data root under the
-same path (a shared folder): each one is asked before it gets a task, also one that joins late.
+Every worker needs this Lorecrawl, these packages and this Python, and sees the data root, and what
+else its tasks read or write, under the same path (a shared folder): each one is asked before it
+gets a task, also one that joins late.
 A task that was on a worker that died is run again on another one: tasks write whole files or none.
 Every wait goes in short slices: a signal, a lost scheduler and a cluster without workers end it.
 Source: https://distributed.dask.org/en/stable/client.html, …/resilience.html
@@ -18,7 +19,7 @@ import platform
 import re
 import secrets
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
@@ -39,11 +40,12 @@ _log = logging.getLogger("kb.dask")
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx|inproc)://.+|[\w.\-]+:\d+")
 # What a worker must know of this process to give the same bytes.
 _SHARED = ("KB_NOW", "SOURCE_DATE_EPOCH")
-_ROOT, _WRITES = "data root", "write access"
+_WRITES, _SEES = "write access to ", "sight of "
 # What makes bytes. A package that this process lacks may be missing elsewhere too.
 _PACKAGES = (
-    *("ahocorasick-rs", "duckdb", "lingua-language-detector", "msgspec", "numpy", "onnxruntime"),
-    *("orjson", "pillow", "pyarrow", "rensa", "tokenizers", "torch", "transformers", "zstandard"),
+    *("ahocorasick-rs", "av", "duckdb", "lingua-language-detector", "msgspec", "numpy"),
+    *("onnxruntime", "orjson", "pillow", "pyarrow", "rensa", "scenedetect-headless", "tokenizers"),
+    *("torch", "transformers", "zstandard"),
 )
 
 
@@ -69,10 +71,15 @@ def check_scheduler(scheduler: str | None) -> None:
 
 @contextlib.contextmanager
 def dask_executor(
-    scheduler: str | None, workers: int = 1, root: Path | None = None, most: int | None = None
+    scheduler: str | None,
+    workers: int = 1,
+    root: Path | None = None,
+    most: int | None = None,
+    reads: Sequence[Path] = (),
 ) -> Iterator["Pool"]:
     """An executor on the cluster at `scheduler`, or on one of `workers` processes that ends with
-    the block. At most `most` tasks are on their way at once.
+    the block. At most `most` tasks are on their way at once. Workers must see `root`, a folder that
+    tasks write to, and the places that they read.
 
     Raises MissingExtra, SettingError (no such kind of address, or a worker that is not fit),
     Unreachable (no scheduler, or no worker in time), Interrupted, FatalError (workers that keep
@@ -115,7 +122,7 @@ def dask_executor(
             raise _unreachable(f"no Dask scheduler at {where} ({type(error).__name__})") from None
         stack.callback(_close, client)
         client.subscribe_topic(_RECORDS, _log_here)
-        cluster = Cluster(client, where, root)
+        cluster = Cluster(client, where, root, reads)
         cluster.begin()
         pool = Pool(cluster, most)
         try:
@@ -158,8 +165,11 @@ class Cluster:
     of others how they differ. Raises as `dask_executor`.
     """
 
-    def __init__(self, client: Any, where: str, root: Path | None = None) -> None:
+    def __init__(
+        self, client: Any, where: str, root: Path | None = None, reads: Sequence[Path] = ()
+    ) -> None:
         self.client, self._where, self._root = client, where, root
+        self._reads = [str(path) for path in reads]
         self.fit: dict[str, int] = {}
         self.unfit: dict[str, str] = {}
         self._asked = clock.monotonic()
@@ -178,8 +188,8 @@ class Cluster:
             others = f" (and {len(self.unfit) - 1} more)" if len(self.unfit) > 1 else ""
             raise SettingError(
                 f"the Dask worker {address} {why}{others}",
-                hint="every machine needs this Lorecrawl, these packages and the same data root"
-                " under the same path; start workers again after an upgrade",
+                hint="every machine needs this Lorecrawl, these packages and the same folders under"
+                " the same paths; start workers again after an upgrade",
             )
         self._alone = None
 
@@ -232,12 +242,12 @@ class Cluster:
         """How each of these workers differs from this process, "" for one that does not."""
         token = None
         if self._root is not None:
-            token = self._root / "state" / f".dask-{secrets.token_hex(8)}.tmp"
+            token = self._root / f".dask-{secrets.token_hex(8)}.tmp"
             token.parent.mkdir(parents=True, exist_ok=True)
-            token.write_text(token.name, encoding="utf-8")
+            token.touch()
         try:
-            ours = description(str(token or ""))
-            theirs = self.client.sync(_ask, self.client, addresses, str(token or ""))
+            ours = description(str(token or ""), self._reads)
+            theirs = self.client.sync(_ask, self.client, addresses, str(token or ""), self._reads)
         finally:
             if token is not None:
                 token.unlink(missing_ok=True)
@@ -248,10 +258,11 @@ class Cluster:
                 yield address, f"can't run this Lorecrawl ({type(answer).__name__}: {answer})"
             else:
                 differing = [name for name in ours if answer.get(name) != ours[name]]
-                if _ROOT in differing:
-                    yield address, f"does not see the {_ROOT} {self._root}"
-                elif _WRITES in differing:
-                    yield address, f"can't write to the {_ROOT} {self._root}"
+                unseen = [name for name in differing if name.startswith(_SEES)]
+                if unseen:
+                    yield address, f"does not see {unseen[0].removeprefix(_SEES)}"
+                elif f"{_WRITES}{self._root}" in differing:
+                    yield address, f"can't write to {self._root}"
                 else:
                     has = (
                         f"{package} {answer.get(package, 'none')}, not {ours[package]}"
@@ -260,30 +271,31 @@ class Cluster:
                     yield address, f"has {'; '.join(has)}" if differing else ""
 
 
-async def _ask(client: Any, addresses: list[str], token: str) -> list[Any]:
+async def _ask(client: Any, addresses: list[str], token: str, reads: list[str]) -> list[Any]:
     """What each worker says of itself, or the error instead."""
 
     async def asked(address: str) -> Any:
         answers = client._run(
-            description, token, workers=[address], wait=True, nanny=False, on_error="return"
+            description, token, reads, workers=[address], wait=True, nanny=False, on_error="return"
         )
         return (await asyncio.wait_for(answers, ANSWER_S))[address]
 
     return await asyncio.gather(*map(asked, addresses), return_exceptions=True)
 
 
-def description(token: str) -> dict[str, str]:
+def description(token: str, reads: Sequence[str] = ()) -> dict[str, str]:
     """What must be equal on all machines of a run; runs on a worker. `token` is a file that the
-    client has just written into the data root.
+    client has just written into the folder that tasks write to; `reads` are places that they read.
     """
     versions: dict[str, str] = {}
     for name in _PACKAGES:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             versions[name] = importlib.metadata.version(name)
     if token:
-        with contextlib.suppress(OSError):
-            versions[_ROOT] = Path(token).read_text(encoding="utf-8")
-        versions[_WRITES] = "yes" if os.access(Path(token).parent, os.W_OK) else "no"
+        folder = Path(token).parent
+        versions[f"{_SEES}{folder}"] = str(Path(token).exists())
+        versions[f"{_WRITES}{folder}"] = str(os.access(folder, os.W_OK))
+    versions |= {f"{_SEES}{path}": str(Path(path).exists()) for path in reads}
     python = ".".join(platform.python_version_tuple()[:2])
     return {"Lorecrawl": f"{__version__} ({code_digest()[:12]})", "Python": python, **versions}
 

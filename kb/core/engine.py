@@ -12,7 +12,7 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import (
     BrokenExecutor,
     Executor,
@@ -87,17 +87,32 @@ def executor_of(run: Run, size: int) -> Iterator[Workers]:
 
 
 @contextlib.contextmanager
+def executor_of_tasks(
+    run: Run, count: int, writes: Path, reads: Sequence[Path]
+) -> Iterator[Workers]:
+    """The executor of a command for `count` tasks of minutes each. The workers of a cluster must
+    see the folder that tasks write to, and the places that they read.
+    """
+    most = run.workers if run.asked else None
+    workers = min(run.workers, max(1, count))
+    with make_executor(run.engine, workers, run.scheduler, writes, most, reads) as executor:
+        yield executor
+
+
+@contextlib.contextmanager
 def make_executor(
     engine: str = "local",
     workers: int = 1,
     scheduler: str | None = None,
     root: Path | None = None,
     most: int | None = None,
+    reads: Sequence[Path] = (),
 ) -> Iterator[Workers]:
     """The executor of `--engine`: "local" (this process or a pool) or "dask".
 
-    For "dask" the tasks go to the cluster at `scheduler`, whose workers must see the data root, at
-    most `most` at once; or to one of `workers` processes on this machine.
+    For "dask" the tasks go to the cluster at `scheduler`, whose workers must see the data root
+    (`root`, or another folder that tasks write to) and what the tasks read, at most `most` at once;
+    or to one of `workers` processes on this machine.
     """
     without_pandas()  # `Inline` is a worker too
     if engine == "local":
@@ -117,7 +132,7 @@ def make_executor(
                 raise
         return
     if engine == "dask":
-        with dask_executor(scheduler, workers, root, most) as cluster:
+        with dask_executor(scheduler, workers, root, most, reads) as cluster:
             yield cluster
         return
     raise SettingError(f"--engine is {engine!r}", hint="allowed: local, dask")

@@ -23,7 +23,7 @@ from kb.explore.conditions import (
     sql_of,
 )
 from kb.explore.tables import CurrentTables, page_number, quoted
-from kb.pairs.pair_selection import SCORES, asking
+from kb.pairs.pair_selection import FIGURES, SCORES, asking
 from kb.store.tables.reading import text_literal
 
 (VIDEOS,) = made_of("pairs")  # the source of the videos
@@ -191,7 +191,7 @@ def columns_of(tables: CurrentTables) -> dict[str, str]:
             for table in _tables(tables)[1:]
             for name, *_ in con.sql(f"DESCRIBE {tables.view(table).full}").fetchall()
         }
-        named = " OR ".join(f"{name} IS NULL" for name in sorted(every & {*SCORES}))
+        named = " OR ".join(f"{name} IS NULL" for name in sorted(every & {*SCORES, *FIGURES}))
         described = con.sql(f"DESCRIBE {asking(tables.catalog, where=named)}").fetchall()
     return {name: kind for name, kind, *_ in described}
 
@@ -202,9 +202,9 @@ def _named(where: str, sort: str | None) -> str:
 
 
 def _tables(tables: CurrentTables) -> list[str]:
-    """What is known of pairs: the tables of pairs, and labels."""
+    """What is known of pairs: the tables of pairs, figures of films, and labels."""
     others = sorted(name for name in tables.names if name.startswith("pairs_"))
-    return ["pairs", *others, *(["labels"] if "labels" in tables else [])]
+    return ["pairs", *others, *(name for name in ("film_figures", "labels") if name in tables)]
 
 
 def cards(

@@ -2,13 +2,14 @@
 
 The figures are those of a filter run with the other threshold. Nothing is written. Rows that are
 kept have their numbers in the clean tables. Rows that the stage rejected have them in `rejected`,
-with what the other stages decide (kb.filters.thresholds).
+with what the other stages decide (kb.filters.thresholds). Of films there are histograms alone: no
+threshold of theirs ships.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
@@ -41,6 +42,7 @@ _WAITING = {
 
 
 EXAMPLES = 20  # on each side of the line
+_OF_FILMS = ("motion", "static_share", "dark_share")
 _LONGEST = 160  # characters of an example's text
 
 
@@ -105,12 +107,33 @@ class ThresholdFigures:
         return f"{setting} = {self.plain_value}" if setting else ""
 
 
+class FilmHistogram(NamedTuple):
+    """How a column of film_figures is spread over pairs."""
+
+    column: str
+    histogram: Histogram
+
+    @property
+    def axis(self) -> str:
+        """What its numbers are."""
+        return heading("films/film_figures", self.column)
+
+    def pairs_address(self, bar: HistogramBar) -> str:
+        """The page of the pairs of a bar."""
+        edges = (("above", bar.low), ("at most", bar.high))
+        wanted = [Condition(self.column, test, f"{edge:.17g}") for test, edge in edges]
+        return f"/pairs?{urlencode(fields(wanted))}"
+
+
 @dataclass(frozen=True)
 class ThresholdPage:
-    """The stages that have a threshold, and the figures of one; None where no stage has."""
+    """The stages that have a threshold, and the figures of one; None where no stage has. `films`
+    are histograms, none before a film was seen.
+    """
 
     stages: list[StageOfTable]
     figures: ThresholdFigures | None = None
+    films: Sequence[FilmHistogram] = ()
 
     @property
     def same_setting(self) -> list[str]:
@@ -131,9 +154,26 @@ def read(tables: CurrentTables, profile: Profile, query: Mapping[str, str]) -> T
     `step` is a position of the slider; `value` any number. Raises UsageError, DamagedData.
     """
     stages = list(stages_of(tables, profile))
-    return ThresholdPage(
-        stages, _figures(tables, _chosen(stages, query), query) if stages else None
-    )
+    figures = _figures(tables, _chosen(stages, query), query) if stages else None
+    return ThresholdPage(stages, figures, list(_of_films(tables)))
+
+
+def _of_films(tables: CurrentTables) -> Iterator[FilmHistogram]:
+    if "film_figures" not in tables:
+        return
+    for column in _OF_FILMS:
+        numbers = tables.rows(
+            "film_figures",
+            f"SELECT {column} AS number, true AS kept, 'kept' AS outcome FROM {{table}}"
+            f" WHERE {column} IS NOT NULL",
+        )
+        if not numbers.num_rows:
+            continue
+        with database.asking() as con:
+            con.register("numbers", numbers)
+            least = float(pc.min(numbers["number"]).as_py())
+            edges = edges_of(con, least, at_least=False)
+            yield FilmHistogram(column, draw(con, edges, least, least, at_least=False))
 
 
 def _chosen(stages: list[StageOfTable], query: Mapping[str, str]) -> StageOfTable:

@@ -26,10 +26,16 @@ import pyarrow.compute as pc
 from kb.annotate.backends import choose_device
 from kb.artifacts import manifest, measures
 from kb.clips.build import SHORT, Chosen, selected, version_of
-from kb.clips.film_lookup import FILM_DIFFERS, MISSING, UNDECODABLE, film_length_s
+from kb.clips.film_lookup import (
+    FILM_DIFFERS,
+    MISSING,
+    UNDECODABLE,
+    film_digest,
+    film_length_s,
+)
 from kb.clips.frames import UndecodableVideo
 from kb.core.context import Run
-from kb.core.engine import make_executor, map_in_order
+from kb.core.engine import executor_of_tasks, map_in_order
 from kb.core.errors import MissingModel
 from kb.core.installation import np, require
 from kb.core.summary import Summary
@@ -41,7 +47,6 @@ from kb.score.film_pass import watch_film
 from kb.score.film_store import (
     SeenFilm,
     Vectors,
-    film_digest,
     forget_film,
     keep_film,
     keep_vectors,
@@ -93,11 +98,13 @@ def score(
     device), WriterLocked, DiskFull, Interrupted; the same call resumes.
     """
     require("score", *EXTRA, "scenedetect")
-    path = checkpoint_file(run.profile) if model is None else model.expanduser()
+    path = checkpoint_file(run.profile) if model is None else model.expanduser().absolute()
     if not path.exists():
         hint = "run `kb models fetch clip`" if model is None else "give a checkpoint or a folder"
         raise MissingModel(f"there is no model {path}", hint=hint)
-    name, device = model_name(path), choose_device(device)
+    name = model_name(path)
+    if run.engine == "local":
+        device = choose_device(device)  # of a cluster each worker has its own
     counts = Counter[str]()
     scored_rows: list[pa.Table] = []
     waiting = deque[list[Row]]()
@@ -105,7 +112,7 @@ def score(
         selected(run, folders, chosen, _COLUMNS) as (found, videos, rows),
         writer(run.root, "pairs"),
         run.progress.task("pairs score", total=len(videos), unit="videos") as task,
-        make_executor("local", min(run.workers, max(1, len(videos)))) as executor,
+        executor_of_tasks(run, len(videos), run.root, [*folders, path]) as executor,
     ):
 
         def todo() -> Iterator[tuple[str, str, str, str, str, list[Row]]]:
@@ -181,10 +188,7 @@ def score_video(
     while True:
         version = version_of(film) if film else None
         seen = seen_film(at, video_id)
-        try:
-            digest = film_digest(Path(film)) if film else seen.film if seen is not None else ""
-        except OSError:
-            digest = ""
+        digest = film_digest(Path(film)) if film else seen.film if seen is not None else ""
         if not digest:
             return VideoScores("", {}, absent=len(rows))
         encoded = msgspec.json.encode((_RULES, name, digest, rows), order="sorted")
@@ -302,7 +306,7 @@ def _model(path: str, device: str) -> ClipModel:
     import torch
 
     torch.set_num_threads(1)
-    return ClipModel(Path(path), device)
+    return ClipModel(Path(path), choose_device(device))
 
 
 def _rows(video_id: str, model: str, made: VideoScores) -> pa.Table:

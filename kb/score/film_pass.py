@@ -84,7 +84,7 @@ class _Decoder:
         try:
             with av.open(str(self._path), metadata_errors="ignore") as film:
                 cover = av.stream.Disposition.attached_pic
-                videos = [one for one in film.streams.video if not one.disposition & cover]
+                videos = [video for video in film.streams.video if not video.disposition & cover]
                 if not videos or videos[0].time_base is None:
                     raise UndecodableVideo("no video stream")
                 stream = videos[0]

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import shutil
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -35,7 +34,6 @@ from kb.store.state import tombstones
 FILM = "film"
 WINDOW_S = 20.0  # vectors are kept from so long before a phrase to so long after it
 _KINDS = (START, CUT, FADE)
-_ENDS = 1 << 20  # bytes of the beginning and the end of a film that its digest is of
 _FIX = "remove it, then run `kb pairs score` with the film again"
 
 
@@ -83,16 +81,6 @@ def span(start_s: float, end_s: float, step: float) -> np.ndarray:
 
 def text_key(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def film_digest(path: Path) -> str:
-    """A digest of a film's size, beginning and end. Raises FileNotFoundError."""
-    with path.open("rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        digest = hashlib.sha256(f"{size} ".encode() + file.read(_ENDS))
-        file.seek(max(0, size - _ENDS))
-        digest.update(file.read(_ENDS))
-    return digest.hexdigest()[:32]
 
 
 def seen_film(root: Path, video_id: str) -> SeenFilm | None:

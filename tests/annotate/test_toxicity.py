@@ -8,6 +8,7 @@ from kb.annotate import backends, detoxify_model, toxicity
 from kb.annotate.inference import DECIMALS
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
+from kb.artifacts import score_files
 from kb.cli.framework.exit_codes import describe
 from kb.core import signals
 from kb.core.errors import Interrupted, LimitReached, MissingModel, SettingError
@@ -163,6 +164,21 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, 
         whole.root / "annotations/reddit/toxicity.parquet"
     ).read_bytes()
     assert len(list(folder.glob("*.parquet"))) == 1
+
+
+@pytest.mark.parametrize("parts", [2, 40])
+def test_parts_of_several_machines_become_the_file_of_one(make_run, tmp_path, parts):
+    alone = make_run(root=tmp_path / "alone")
+    ToxicityScorer.open(alone, "reddit").annotate([TEXTS])
+    seen = scored = new = 0
+    for number in range(1, parts + 1):
+        part = make_run(root=tmp_path / f"part-{number}")
+        counts = ToxicityScorer.open(part, "reddit").annotate([TEXTS], (number, parts))
+        seen, scored = seen + counts.texts, scored + counts.scored
+        new += score_files.bring(tmp_path / "united", "reddit", part.root)
+    assert seen == scored == new == len(TEXTS)
+    path = "annotations/reddit/toxicity.parquet"
+    assert (tmp_path / "united" / path).read_bytes() == (alone.root / path).read_bytes()
 
 
 def test_a_changed_threshold_loads_no_model(make_run, monkeypatch):

@@ -125,6 +125,63 @@ def test_a_second_run_cuts_nothing_and_a_changed_film_is_cut_again(
     assert fresh.read_bytes() == before[1]
 
 
+@pytest.fixture
+def shard_a_video(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shard for each video, so that few videos are many shards."""
+    monkeypatch.setattr(build, "_VIDEOS", 1)
+    monkeypatch.setattr(build, "_SHARD", "dense_rank() OVER (ORDER BY video_id) - 1")
+
+
+@pytest.mark.usefixtures("shard_a_video")
+@pytest.mark.parametrize("chosen", [build.Chosen(), build.Chosen(sample=5)], ids=["all", "sample"])
+def test_parts_make_the_files_of_one_machine(
+    run: Run, places, tmp_path: Path, chosen: build.Chosen
+) -> None:
+    """Some machines have the films elsewhere, and one has nothing to do."""
+    films, united = places[1], tmp_path / "united"
+    elsewhere = shutil.copytree(films, tmp_path / "elsewhere")
+    alone = build.build(run, [films], tmp_path / "alone", OPTIONS, chosen)
+    sums = Counter[str]()
+    for number in range(1, 6):
+        own = chosen._replace(part=(number, 5))
+        place = films if number % 2 else elsewhere
+        made_ = build.build(run, [place], tmp_path / "part", OPTIONS, own)
+        assert build.plan(run, [place], OPTIONS, own)["pairs"] == made_["pairs"]
+        sums.update({name: count for name, count in made_.items() if isinstance(count, int)})
+        shutil.copytree(tmp_path / "part", united, dirs_exist_ok=True)
+        shutil.rmtree(tmp_path / "part")
+    assert sums == {name: alone[name] for name in sums}
+    expected = _files(tmp_path / "alone", "clips-*")
+    assert _files(united, "clips-*") == expected
+    # A run of all pairs over them cuts nothing, and lists what was left out of any part.
+    before = {path: path.stat().st_mtime_ns for path in united.glob("clips-*")}
+    assert build.build(run, [films], united, OPTIONS, chosen)["clips"] == alone["clips"]
+    assert {path: path.stat().st_mtime_ns for path in united.glob("clips-*")} == before
+    assert _files(united, "*") == _files(tmp_path / "alone", "*")
+
+
+def _files(folder: Path, names: str) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.glob(names)}
+
+
+@pytest.mark.usefixtures("shard_a_video")
+def test_parts_share_a_folder(run: Run, places, tmp_path: Path) -> None:
+    """What another part has cut there stays; what this one has cut of films that are gone goes."""
+    films, empty = places[1], tmp_path / "empty"
+    empty.mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "clips-2024 mine.tar").touch()
+    for part in ((1, 2), (2, 2)):
+        build.build(run, [films], tmp_path / "out", OPTIONS, build.Chosen(part=part))
+    there = {path.name for path in (tmp_path / "out").glob("clips-*")}
+    assert {"clips-00000.tar", "clips-00001.tar", "clips-2024 mine.tar"} <= there
+    build.build(run, [empty], tmp_path / "out", OPTIONS, build.Chosen(part=(2, 2)))
+    left = {path.name for path in (tmp_path / "out").glob("clips-*")}
+    assert there - left == {"clips-00001.tar", "clips-00001.json"}
+    with pytest.raises(UsageError, match="no pair has the keyword"):
+        build.build(run, [films], tmp_path / "out", OPTIONS, build.Chosen("no", part=(1, 2)))
+
+
 def test_a_film_that_changes_while_it_is_read_has_no_clips(
     run: Run, places, tmp_path: Path
 ) -> None:

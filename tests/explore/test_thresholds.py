@@ -268,3 +268,32 @@ def test_a_bar_leads_to_its_rows(demo_pages: Explored, stage: str) -> None:
     assert {"verdict=rejected" in link for link, _ in links} == {True, False}
     for link, count in links[:4] + links[-4:]:
         assert total(demo_pages.ask(html.unescape(link)).text) == number(count)
+
+
+def test_films_have_histograms_whose_bars_lead_to_their_pairs(
+    tmp_path: Path, make_rows: Any
+) -> None:
+    """Also of one value alone; a pair without a value is in no bar."""
+    values = {
+        "motion": [0.0, 0.5, 1.25, 1.25, 40.0, 199.0],
+        "static_share": [0.0] * 6,
+        "dark_share": [None, 0.0, 0.25, 0.25, 0.5, 1.0],
+    }
+    ids = [f"pair{number}" for number in range(6)]
+    (tmp_path / "state").mkdir()
+    films = make_rows("films/film_figures", 6, pair_id=ids, **values)
+    pairs = make_rows("pairs/pairs", 6, pair_id=ids)
+    for name, rows in (("films/film_figures", films), ("pairs/pairs", pairs)):
+        write_table(tmp_path / f"{name}-00000-of-00001.parquet", rows, name)
+    with explored(tmp_path) as pages:
+        text = pages.ask("/thresholds").text
+        charts = text.partition('id="films"')[2].split("<figcaption>")[:-1]
+        assert len(charts) == 3
+        for (name, given_), chart in zip(values.items(), charts, strict=True):
+            bars = re.findall(r'<a href="([^"]*)" aria-label="(\d+) pairs', chart)
+            assert sum(int(count) for _, count in bars) == sum(v is not None for v in given_), name
+            assert all(html.unescape(link).count(f"={name}") == 2 for link, _ in bars)
+            assert 'class="current"' not in chart
+            for link, count in (bars[0], bars[-1]):
+                cards = pages.ask(html.unescape(link)).text
+                assert f"<p>{count} pairs" in cards, link

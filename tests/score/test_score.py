@@ -24,6 +24,7 @@ needs("av", "cv2", "scenedetect", "torch", "transformers")
 import kb  # noqa: E402
 from kb.core.config.profile import load_profile  # noqa: E402
 from kb.core.installation import torch  # noqa: E402
+from kb.pairs.clip_tokens import token_ids  # noqa: E402
 from kb.sandbox.youtube.films import drawn, timeline, write_film  # noqa: E402
 from kb.score.calibration import area, section  # noqa: E402
 from kb.score.models import model_name  # noqa: E402
@@ -228,6 +229,37 @@ def test_films_may_go_when_they_were_seen(place: Path, here: Here) -> None:
     shutil.rmtree(data / "state" / "scores")
     done = here(*scoring, *at, str(data))
     assert (done.code, vectors.name in done.said) == (1, True)
+
+
+def test_mineclips_temporal_part_runs_over_stored_frames(place: Path, here: Here) -> None:
+    """Against the model as it was published, on the frame features that were stored."""
+    from tests.score.checkpoints import MineClip  # torch takes seconds to load
+
+    published = MineClip()
+    at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
+    scoring = ("pairs", "score", "--model", str(published.save(place / "mine.pth")), *at)
+    done = here(*scoring, "--videos", str(place / "films"), "--workers", "1")
+    assert done.code == 0, done.err
+    seen = scores(place)
+    pairs = pq.read_table(next((place / "data" / "pairs").glob("pairs-*.parquet"))).to_pylist()
+    similar = dict(zip(seen["pair_id"].to_pylist(), seen["similarity"].to_pylist(), strict=True))
+    assert len(pairs) == len(similar) == 3
+    for row in pairs:
+        (path,) = (place / "data/annotations/films" / row["video_id"]).glob("mine@*.npz")
+        with np.load(path) as stored:
+            assert stored["frames"].dtype == np.float16
+            times = (stored["ticks"] + 0.5) / 2  # two a second
+            there = (times >= row["clip_start_s"]) & (times <= row["clip_end_s"])
+            frames = torch.tensor(stored["frames"][there].astype(np.float32))
+        taken = frames[((np.arange(16) + 0.5) / 16 * len(frames)).astype(int)]
+        tokens = torch.tensor(token_ids(row["text"])[None])
+        with torch.no_grad():
+            text = torch.nn.functional.normalize(published.clip_model.text_model(tokens), dim=-1)
+            expected = float(text[0] @ published.clip(taken))
+        assert similar[row["pair_id"]] == pytest.approx(expected, abs=1e-3)
+    shutil.rmtree(place / "data" / "state" / "scores")  # which would spare the computing
+    assert here(*scoring).code == 0
+    assert scores(place) == seen
 
 
 def test_lost_scores_come_back_without_the_films(place: Path, here: Here) -> None:

@@ -11,12 +11,15 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import (
+    CLUSTER,
     Alignable,
     Aligned,
     Films,
     OnlyPairs,
+    Part,
     Plan,
     least_alignable,
+    parse_part,
 )
 from kb.core.context import Run
 from kb.core.errors import SettingError
@@ -42,7 +45,7 @@ class FrameFit(StrEnum):
 
 @command(
     app,
-    uses=("workers",),
+    uses=CLUSTER,
     json="pairs, clips, missing, short, undecodable, film_differs, not_aligned, videos,"
     " unknown_length, path",
     planned=(
@@ -52,6 +55,7 @@ class FrameFit(StrEnum):
         "where",
         "sample",
         "within_shot",
+        "part",
         "aligned",
         "alignable",
         "size",
@@ -65,6 +69,7 @@ class FrameFit(StrEnum):
         "kb clips --videos films --out clips               webdataset shards, 16 frames per clip",
         "kb clips --videos films --keyword creeper --sample 100 --format npz",
         "kb clips --videos films --pairs draw/pairs.parquet   those that `kb pairs draw` drew",
+        "kb clips --videos films --part 1/3                   the first of three machines",
         "kb clips --videos films --aligned --alignable 0.5    at times that `kb pairs align` found",
     ],
 )
@@ -111,6 +116,7 @@ def clips(
             help="Of each clip only the stretch without a cut, as `kb pairs score` has seen it.",
         ),
     ] = False,
+    part: Part = None,
     aligned: Aligned = False,
     alignable: Alignable = None,
     plan: Plan = False,
@@ -119,7 +125,8 @@ def clips(
 
     Files are found by the video's id: ID.mp4, TITLE [ID].webm, ID/video.mkv. The frames are those
     shown at the centres of equal parts of the clip. Every pair without a clip is in left_out.csv
-    with the reason. A run that was stopped resumes. Lorecrawl downloads no video.
+    with the reason. A run that was stopped resumes. With --part the files of all parts, copied into
+    one folder, are those of one machine. Lorecrawl downloads no video.
     """
     from kb.clips import build
     from kb.clips.clip_files import CutOptions
@@ -134,11 +141,12 @@ def clips(
         cast("Any", format.value),
         run.profile.clips.jpeg_quality,
     )
-    folders = [folder.expanduser() for folder in videos]
+    folders = [folder.expanduser().absolute() for folder in videos]
     least = least_alignable(aligned, alignable)
     if aligned and within_shot:
         raise SettingError("--within-shot can't be combined with --aligned: it is of spoken times")
-    chosen = build.Chosen(keyword, pairs, where, sample, within_shot, aligned=least)
+    own = parse_part(part)
+    chosen = build.Chosen(keyword, pairs, where, sample, within_shot, own, aligned=least)
     if plan:
         return build.plan(run, folders, options, chosen)
     return build.build(run, folders, out, options, chosen)

@@ -10,7 +10,7 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import warn_stale
-from kb.cli.framework.options import CLUSTER, Device, DeviceOption
+from kb.cli.framework.options import CLUSTER, Device, DeviceOption, Part, parse_part
 from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.core.sources import SOURCES
@@ -162,21 +162,24 @@ def _add(source: str, about: str, *examples: str) -> None:
         examples=examples,
     )
     def annotate(
-        run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
+        run: Run,
+        precision: PrecisionOption = None,
+        device: DeviceOption = Device.auto,
+        part: Part = None,
     ) -> Summary:
         from kb.annotate.toxicity import ToxicityScorer
         from kb.artifacts import domain_binding
         from kb.filters.filter_run import texts
 
         run.profile.section(source)  # raises where the profile leaves the source out
-        name = f"annotate {source}"
+        name, own = f"annotate {source}", parse_part(part)
         scorer = ToxicityScorer.open(run, source, precision and str(precision), str(device))
         checkpoint, scores = scorer.checkpoint, scorer.scores
         if checkpoint is None or scores is None:
             return Summary(command=name, source=source, scored=0, toxicity="off in the profile")
         try:
             with domain_binding.writing(run, source):
-                counts = scorer.annotate(texts(run, source))
+                counts = scorer.annotate(texts(run, source), own)
         except KbError as error:
             error.summary = Summary(command=name, source=source, precisions=scores.precisions())
             raise

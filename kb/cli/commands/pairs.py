@@ -194,7 +194,7 @@ def draw(
 
 @command(
     app,
-    uses=("workers",),
+    uses=CLUSTER,
     json="pairs, scored, missing, short, undecodable, film_differs, no_text, videos,"
     " unknown_length, model, visible, path",
     planned=("videos", "pairs", "model", "sample", "part"),
@@ -203,6 +203,7 @@ def draw(
         "kb pairs score --videos films --sample 1000         the model of `kb models fetch clip`",
         "kb pairs score --videos films --pairs draw/pairs.parquet",
         "kb pairs score --videos films --part 1/3            the first of three machines",
+        "kb pairs score --videos films --engine dask --scheduler tcp://10.0.0.1:8786",
         "kb pairs score --videos films --plan                hours of films and size of vectors",
     ],
 )
@@ -247,7 +248,7 @@ def score(
     from kb.clips.build import Chosen
     from kb.score import build
 
-    folders = [folder.expanduser() for folder in videos or ()]
+    folders = [folder.expanduser().absolute() for folder in videos or ()]
     chosen = Chosen("", pairs, "", sample, part=parse_part(part))
     if plan:
         return build.plan(run, folders, model, chosen)

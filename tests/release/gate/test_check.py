@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import NotReleasable, ReleaseRefused
@@ -122,6 +123,12 @@ def test_lost_shard(tmp_path: Path) -> None:
         ("youtube", "images-00000-of-00001.tar"),
         ("youtube", "settings.env"),
         ("reddit", "sample-posts.parquet"),
+        # What is kept of films: vectors, and pictures of clips.
+        ("pairs", "ViT-B-16@0123456789ab.npz"),
+        ("pairs", "film.npz"),
+        ("pairs", "clips-00000.tar"),
+        ("youtube", "vid00000000.jpg"),
+        ("youtube", "film_figures-00000-of-00001.parquet"),
     ],
 )
 def test_undeclared_files(tmp_path: Path, source: str, name: str) -> None:
@@ -130,6 +137,22 @@ def test_undeclared_files(tmp_path: Path, source: str, name: str) -> None:
     assert refused(tmp_path) == [
         f"undeclared file: {source}/{name}: is not part of a release; remove it"
     ]
+
+
+@pytest.mark.parametrize("source", ["pairs", "youtube"])
+def test_vectors_and_pictures_of_films(tmp_path: Path, source: str) -> None:
+    """A folder of them, and vectors in a column of a table that is declared."""
+    build(tmp_path, sources=(source,))
+    folder = tmp_path / "release" / source
+    (folder / "vid00000000").mkdir()
+    (folder / "vid00000000" / "film.npz").write_bytes(b"vectors")
+    path = next(folder.glob("*-00000-of-*.parquet"))
+    rows = pq.read_table(path)
+    vectors = pa.array([[0.5] * 4] * rows.num_rows, pa.list_(pa.float16()))
+    pq.write_table(rows.append_column("vector", vectors), path)
+    lines = refused(tmp_path)
+    assert f"layout: {source}/vid00000000: is a folder; a deposit is flat" in lines
+    assert any("vector" in line for line in lines), lines
 
 
 def test_links_are_not_followed(tmp_path: Path) -> None:
