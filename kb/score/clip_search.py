@@ -94,7 +94,10 @@ class ClipSearch:
     @property
     def is_current(self) -> bool:
         """Whether the index has all clips as they are now. Raises DamagedData."""
-        return f"{self.model}.npy" in self._usable()
+        current = f"{self.model}.npy" in self._usable()
+        if current:
+            index.verify_index(self._root, NAME)  # once in a process, before the model is loaded
+        return current
 
     def _usable(self) -> list[str]:
         """The files of an index that is current: of this model, and of others."""
@@ -243,14 +246,13 @@ def _similarities(vectors: np.ndarray, asked: np.ndarray) -> np.ndarray:
     front, the rest moves to where a float32 has it, and the exponent is then 112 too low. One
     thread computes, as those of a BLAS wait for each other longer than so small products take.
     """
-    asked, products = asked.astype(np.float32), [np.zeros(0, np.float32)]
+    asked, products = (asked * 2.0**112).astype(np.float32), [np.zeros(0, np.float32)]
     for at in range(0, len(vectors), _CHUNK):
         bits = vectors[at : at + _CHUNK].view(np.int16).astype(np.int32)
         bits <<= 13
         bits &= ~0x70000000
         products.append(np.einsum("ij,j->i", bits.view(np.float32), asked))
-    similar: np.ndarray = np.concatenate(products) * np.float32(2.0**112)
-    return similar
+    return np.concatenate(products)
 
 
 def _hit(row: dict[str, Any], about: dict[str, Any], size: int) -> ClipHit:
