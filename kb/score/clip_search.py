@@ -94,7 +94,10 @@ class ClipSearch:
     @property
     def is_current(self) -> bool:
         """Whether the index has all clips as they are now. Raises DamagedData."""
-        return f"{self.model}.npy" in self._usable()
+        current = f"{self.model}.npy" in self._usable()
+        if current:
+            index.verify_index(self._root, NAME)  # once in a process, before the model is loaded
+        return current
 
     def _usable(self) -> list[str]:
         """The files of an index that is current: of this model, and of others."""
@@ -157,7 +160,7 @@ class ClipSearch:
             clips = pa.ipc.open_file(file).read_all()
             vectors = np.load(folder / f"{self.model}.npy", mmap_mode="r")
             asked = _encoder(self._file).texts([words])[0]
-            similar = _similarities(vectors, asked) if len(vectors) else np.zeros(0, np.float32)
+            similar = _similarities(vectors, asked)
             order = np.argsort(-similar, kind="stable")
             order = order[similar[order] >= least]
             best = list[dict[str, Any]]()
@@ -237,10 +240,19 @@ def _embedded(
 
 
 def _similarities(vectors: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """The cosine of each vector with the one asked for: float32 [clips]."""
-    asked = asked.astype(np.float32)
-    chunks = (vectors[at : at + _CHUNK] for at in range(0, len(vectors), _CHUNK))
-    return np.concatenate([chunk.astype(np.float32) @ asked for chunk in chunks])
+    """The cosine of each vector (float16) with the one asked for: float32 [clips].
+
+    A float16 becomes a float32 by its bits, which takes a third of NumPy's time: the sign stays in
+    front, the rest moves to where a float32 has it, and the exponent is then 112 too low. One
+    thread computes, as those of a BLAS wait for each other longer than so small products take.
+    """
+    asked, products = (asked * 2.0**112).astype(np.float32), [np.zeros(0, np.float32)]
+    for at in range(0, len(vectors), _CHUNK):
+        bits = vectors[at : at + _CHUNK].view(np.int16).astype(np.int32)
+        bits <<= 13
+        bits &= ~0x70000000
+        products.append(np.einsum("ij,j->i", bits.view(np.float32), asked))
+    return np.concatenate(products)
 
 
 def _hit(row: dict[str, Any], about: dict[str, Any], size: int) -> ClipHit:
