@@ -109,3 +109,38 @@ def test_motion_stillness_and_darkness_are_those_of_the_clip() -> None:
     assert found.dark_share == 0.25
     within = figures_of(clip | {"clip_start_s": 6.2, "clip_end_s": 6.9}, seen)
     assert (within.cuts, within.motion) == (0, None)
+
+
+class CountingModel:
+    """Stands for a model: a vector of a picture is its mean colour and how many came before."""
+
+    step_s, size, fit, device = 0.04, (16, 16), "stretch", "elsewhere"
+
+    def __init__(self) -> None:
+        self.seen = 0
+
+    def frames(self, images: list[np.ndarray]) -> np.ndarray:
+        """float32 [frames, 4]."""
+        numbers = np.arange(self.seen, self.seen + len(images))
+        self.seen += len(images)
+        return np.column_stack([np.stack(images).mean(axis=(1, 2)), numbers]).astype(np.float32)
+
+
+def test_decoding_ahead_of_a_model_gives_the_same_vectors(tmp_path: Path) -> None:
+    film, ticks = a_film(tmp_path / "a.ts", seconds=4), range(90)  # three batches
+    in_turn, ahead = (
+        watch_film(film, ticks, CountingModel(), ahead=ahead)  # type: ignore[arg-type]
+        for ahead in (False, True)
+    )
+    assert ahead.ticks.tolist() == in_turn.ticks.tolist() == [*ticks]
+    assert ahead.vectors.tobytes() == in_turn.vectors.tobytes()
+    assert 0 < ahead.model_s < ahead.pass_s
+
+
+def test_a_model_that_fails_while_frames_are_decoded_ends_the_pass(tmp_path: Path) -> None:
+    class Broken(CountingModel):
+        def frames(self, images: list[np.ndarray]) -> np.ndarray:
+            raise RuntimeError("no memory left on the device")
+
+    with pytest.raises(RuntimeError, match="on the device"):
+        watch_film(a_film(tmp_path / "a.ts"), [1], Broken(), ahead=True)  # type: ignore[arg-type]
