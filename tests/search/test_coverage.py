@@ -38,7 +38,7 @@ def test_everyone_who_searches_a_release_is_told(release: Path, tmp_path: Path, 
     run = Run(load_settings(dotenv=False), load_profile("minecraft"), release)
     assert OF_A_RELEASE in run_search(run, words, [], Only(), 4_000)
     assert OF_A_RELEASE in run_about(run, 8_000)
-    assert search_page.read(release, {"words": words}).covers == OF_A_RELEASE
+    assert search_page.read(release, run.profile, {"words": words}).covers == OF_A_RELEASE
     assert OF_A_RELEASE in (ROOT / "docs" / "using-a-release.md").read_text(encoding="utf-8")
 
 
