@@ -17,7 +17,7 @@ from tests.clips.films import Film, bars, film, number_of, turned
 OPTIONS = {
     "libx264": {"preset": "veryfast", "bf": "3"},
     "libvpx-vp9": {"deadline": "realtime", "cpu-used": "8"},
-    "libsvtav1": {"preset": "8", "crf": "5"},
+    "libsvtav1": {"preset": "8", "crf": "5", "svtav1-params": "lp=1"},  # more may deadlock
 }
 NTSC = Fraction(30000, 1001)
 FILMS = [  # each container with an even rate, of which one has no exact decimals, and with none

@@ -138,7 +138,7 @@ def write_planted(path: Path, planted: Planted, rate: int, codec: str) -> None:
     fast = {
         "libx264": {"preset": "ultrafast", "crf": "23"},
         "libvpx-vp9": {"deadline": "realtime", "cpu-used": "8", "b": "2M"},
-        "libsvtav1": {"preset": "12", "crf": "35"},
+        "libsvtav1": {"preset": "12", "crf": "35", "svtav1-params": "lp=1"},  # more may deadlock
     }
     with av.open(str(path), "w") as out:
         stream = out.add_stream(codec, rate=Fraction(rate))
