@@ -104,4 +104,6 @@ def test_films_that_show_what_is_named_before_with_after_or_never(
         )
     assert np.median(found.errors) <= 1
     assert told["auc"] >= 0.95
-    assert found.share_aligned >= found.share_spoken + 0.1
+    # Whichever clips at spoken times make up the same number, no more than this share shows it.
+    most = found.share_spoken * len(found.shown) / len(found.errors)
+    assert found.share_aligned >= most + 0.1
