@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["__version__", "load"]
 
-
 os.environ |= ENVIRONMENT
 # Arrow's own pool returns large blocks at once: a third of decoding went into asking the kernel for
 # them again. Whoever has chosen a pool keeps it.

@@ -22,12 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from kb.artifacts import manifest, release_folder
-from kb.artifacts.data_roots import (
-    download_around,
-    folders_in,
-    is_root,
-    require_known_format,
-)
+from kb.artifacts.data_roots import download_around, folders_in, is_root, require_known_format
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.cached_property import cached_property
 from kb.core.errors import FatalError, KbError, SettingError, UsageError

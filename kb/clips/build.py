@@ -158,10 +158,11 @@ def build(
         def todo() -> Iterator[tuple[str, str, list[tuple[str, list[Row]]], CutOptions]]:
             for at in starts:
                 shard = list(islice(rows, _VIDEOS))
-                lacks = [_lack(row, found) for own in shard for row in own]
-                left_out.extend(lack for lack in lacks if lack is not None)
+                every = (_lack(row, found) for own in shard for row in own)
+                lacks = {lack.pair_id: lack for lack in every if lack is not None}
+                left_out.extend(lacks.values())
                 if at in names:
-                    timed = ([row for row in own if _lack(row, found) is None] for own in shard)
+                    timed = ([row for row in own if row["pair_id"] not in lacks] for own in shard)
                     cut_from = [(str(films[own[0]["video_id"]]), own) for own in timed if own]
                     yield str(place), names[at], cut_from, options
 

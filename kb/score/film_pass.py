@@ -9,13 +9,14 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 from kb.clips.frames import LEAD_S, UndecodableVideo, check_film, fitted
 from kb.core import signals
+from kb.core.engine import Inline
 from kb.core.installation import np
 from kb.score.models import BATCH
 from kb.score.shots import HEIGHT, WIDTH, Shot, ShotFinder
@@ -190,15 +191,14 @@ class _Embedder:
         self._ticks, self._model, self._place = list(ticks), model, 0
         self._taken, self._batch = list[int](), list[np.ndarray]()
         self._vectors, self.model_s = list[np.ndarray](), 0.0
-        self._thread = ThreadPoolExecutor(1) if ahead else None
+        self._runner: Executor = ThreadPoolExecutor(1) if ahead else Inline()
         self._waiting = deque[Future[np.ndarray]]()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._thread is not None:
-            self._thread.shutdown(cancel_futures=True)
+        self._runner.shutdown(cancel_futures=True)
 
     def take(self, time_s: float, until_s: float, frame: av.VideoFrame) -> None:
         if self._model is None:
@@ -224,10 +224,8 @@ class _Embedder:
             self._embed()
 
     def _embed(self) -> None:
-        if self._batch and self._thread is None:
-            self._vectors.append(self._embedded(self._batch))
-        elif self._batch and self._thread is not None:
-            self._waiting.append(self._thread.submit(self._embedded, self._batch))
+        if self._batch:
+            self._waiting.append(self._runner.submit(self._embedded, self._batch))
         self._batch = []
         self._collect(_AHEAD)
 

@@ -195,9 +195,10 @@ class Options:
         from kb.artifacts.data_roots import require_known_format
         from kb.artifacts.table_catalog import existing, refuse_download
 
-        require_known_format(root)
         if self.use in ("reads", "writes") or (self.use == "may read" and self.data is not None):
             root = existing(root)
+        else:
+            require_known_format(root)
         if self.use in ("writes", "makes"):
             refuse_download(root, named=named)
         return root

@@ -183,7 +183,9 @@ def _due_playlists(
     oldest = clock.now() - timedelta(days=days)
 
     def is_due(at: str | None) -> bool:
-        return bool(at) and (days == 0 or clock.parse(at or "") < oldest)
+        if not at:
+            return False
+        return days == 0 or clock.parse(at) < oldest
 
     read = {key: at for key, at in last_read(run.root).items() if key not in purged}
     titles = [key for key, at in read.items() if is_due(at.facts)]
