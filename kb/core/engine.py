@@ -81,14 +81,13 @@ Workers = Inline | Processes | Pool
 @contextlib.contextmanager
 def executor_of(run: Run, size: int) -> Iterator[Workers]:
     """The executor of a command for tasks that read `size` bytes of files."""
-    most = run.workers if run.asked else None
-    with make_executor(run.engine, run.processes(size), run.scheduler, run.root, most) as executor:
+    with executor_of_tasks(run, run.processes(size), run.root) as executor:
         yield executor
 
 
 @contextlib.contextmanager
 def executor_of_tasks(
-    run: Run, count: int, writes: Path, reads: Sequence[Path]
+    run: Run, count: int, writes: Path, reads: Sequence[Path] = ()
 ) -> Iterator[Workers]:
     """The executor of a command for `count` tasks of minutes each. The workers of a cluster must
     see the folder that tasks write to, and the places that they read.

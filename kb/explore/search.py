@@ -14,7 +14,7 @@ from kb.core.errors import KbError, UsageError
 from kb.core.sources import KINDS, SOURCES
 from kb.explore.tables import page_number
 from kb.mcp.search_tool import ref
-from kb.score.clip_search import ClipHit, ClipSearch, has_clips
+from kb.score.clip_search import ClipSearch, has_clips
 from kb.search.answers import MARK, NotIndexed, SearchHit, search_as_meant
 from kb.search.coverage import coverage
 from kb.search.ranking import Only, day_given
@@ -34,7 +34,7 @@ class SearchPage:
     """
 
     asked: dict[str, str]
-    hits: list[tuple[SearchHit | ClipHit, str, list[str]]]
+    hits: list[tuple[SearchHit, str, list[str]]]
     suggestion: str
     instead: bool = False
     problem: str = ""
@@ -129,7 +129,7 @@ def _asked(query: Mapping[str, str]) -> dict[str, str]:
     return {name: query.get(name, "").strip() for name in _FIELDS}
 
 
-def _shown(hit: SearchHit | ClipHit, words: str) -> tuple[SearchHit | ClipHit, str, list[str]]:
+def _shown(hit: SearchHit, words: str) -> tuple[SearchHit, str, list[str]]:
     pieces = hit.snippet.split(MARK)
     if len(pieces) % 2 == 0:  # the text has such a mark of its own
         pieces = [hit.snippet]

@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Sequence
-from typing import Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from kb.core.context import Run
@@ -66,15 +65,7 @@ def revision(url: str) -> str:
     return f"revision {number[0]}" if number else ""
 
 
-class Located(Protocol):
-    """An answer, as far as its place is concerned."""
-
-    source: str
-    key: str
-    url: str
-
-
-def ref(hit: Located) -> str:
+def ref(hit: SearchHit) -> str:
     """The reference to an answer's place, for `read`."""
     known = from_link(hit.url)
     if known is None or known.source != hit.source:

@@ -18,7 +18,6 @@ from glob import escape
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pyarrow as pa
 
 from kb.artifacts import domain_binding, index, manifest, texts
@@ -31,6 +30,7 @@ from kb.core.sources import SOURCES, made_of
 from kb.pairs.clip_tokens import ENDS, LENGTH, Tokens
 from kb.score.film_store import Vectors, span, stored_model, vectors_of
 from kb.score.models import EXTRA, ClipModel, checkpoint_file, model_name, unit
+from kb.search.answers import SearchHit, cut
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 from kb.store.tables import database
@@ -46,23 +46,11 @@ _LOOKED_AT = 1_000  # best clips whose videos are looked up at a time
 _DIGITS = 4
 
 
-class ClipHit(msgspec.Struct):
-    """A clip, with the fields of `kb.search.answers.SearchHit` and its own: `similarity` is the
-    cosine of words and clip (`score` is the same), `text` what is spoken, at most as long as asked.
+class ClipHit(SearchHit, kw_only=True):
+    """A clip: `similarity` is the cosine of words and clip (`score` is the same), `text` what is
+    spoken, at most as long as asked.
     """
 
-    text: str
-    snippet: str
-    source: str
-    kind: str
-    key: str
-    title: str
-    path: str
-    score: float
-    url: str
-    licence: str | None
-    date: str | None
-    start_s: float
     pair_id: str
     video_id: str
     keyword: str
@@ -257,8 +245,7 @@ def _similarities(vectors: np.ndarray, asked: np.ndarray) -> np.ndarray:
 
 def _hit(row: dict[str, Any], about: dict[str, Any], size: int) -> ClipHit:
     video, start_s, end_s = row["video_id"], row["clip_start_s"], row["clip_end_s"]
-    text, published = row["text"] or row["keyword"], about.get("published_at")
-    shown = text if len(text) <= size else text[: max(0, size - 1)].rstrip() + "…"
+    shown, published = cut(row["text"] or row["keyword"], size), about.get("published_at")
     return ClipHit(
         text=shown,
         snippet=" ".join(shown.split()),

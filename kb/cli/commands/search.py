@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,7 +19,6 @@ from kb.core.sources import KINDS, SOURCES
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
-    from kb.score.clip_search import ClipHit
     from kb.search.answers import SearchHit
 
 
@@ -197,16 +196,9 @@ def search(
     answers, meant, instead = search_as_meant(
         run.root, query, sources=sources, only=only, size=size, entity=entity
     )
-    if options.json or format is AnswerFormat.json:
-        import msgspec
-
-        hits = [msgspec.to_builtins(hit) for hit in answers]
-        if options.json:
-            return Summary(command="search", answers=hits, suggestion=meant or None)
-        show(msgspec.json.encode(hits).decode())
-    for number, hit in enumerate(answers if format is AnswerFormat.text else (), 1):
-        for line in lines(number, hit):
-            show(line)
+    if options.json:
+        return Summary(command="search", answers=_plain(answers), suggestion=meant or None)
+    _show(answers, format)
     quoted = meant if '"' in meant else f'"{meant}"'
     if instead:
         show(f"nothing has these words; read as {quoted}", err=True)
@@ -244,16 +236,9 @@ def _search_clips(
     lowest = least or -1.0
     hits = asked.hits(words, options.limit or LIMIT, each=each, least=lowest, size=size)
     cut = asked.cut_tokens(words)
-    if options.json or format is AnswerFormat.json:
-        import msgspec
-
-        plain = [msgspec.to_builtins(hit) for hit in hits]
-        if options.json:
-            return Summary(command="search", answers=plain, cut_tokens=cut, model=asked.model)
-        show(msgspec.json.encode(plain).decode())
-    for number, hit in enumerate(hits if format is AnswerFormat.text else (), 1):
-        for line in lines(number, hit):
-            show(line)
+    if options.json:
+        return Summary(command="search", answers=_plain(hits), cut_tokens=cut, model=asked.model)
+    _show(hits, format)
     if cut:
         show(
             f"the words are too long for the model: their last {cut} tokens are left out", err=True
@@ -263,7 +248,25 @@ def _search_clips(
     return None
 
 
-def lines(number: int, hit: SearchHit | ClipHit) -> Iterator[str]:
+def _plain(hits: Sequence[SearchHit]) -> list[Any]:
+    import msgspec
+
+    return [msgspec.to_builtins(hit) for hit in hits]
+
+
+def _show(hits: Sequence[SearchHit], format: AnswerFormat) -> None:
+    """Print answers in the form that was asked for."""
+    if format is AnswerFormat.json:
+        import msgspec
+
+        show(msgspec.json.encode(hits).decode())
+        return
+    for number, hit in enumerate(hits, 1):
+        for line in lines(number, hit):
+            show(line)
+
+
+def lines(number: int, hit: SearchHit) -> Iterator[str]:
     """The lines that show an answer."""
     yield f"{number:2}. {hit.title} › {hit.path}" if hit.path else f"{number:2}. {hit.title}"
     facts = [
