@@ -11,11 +11,12 @@ from urllib.parse import urlencode
 
 from kb.core.config.profile import Profile
 from kb.core.errors import KbError, UsageError
+from kb.core.search_hit import SearchHit
 from kb.core.sources import KINDS, SOURCES
 from kb.explore.tables import page_number
 from kb.mcp.search_tool import ref
 from kb.score.clip_search import ClipSearch, has_clips
-from kb.search.answers import MARK, NotIndexed, SearchHit, search_as_meant
+from kb.search.answers import MARK, NotIndexed, search_as_meant
 from kb.search.coverage import coverage
 from kb.search.ranking import Only, day_given
 

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from urllib.parse import parse_qs, urlsplit
 
 from kb.core.context import Run
+from kb.core.search_hit import SearchHit
 from kb.core.sources import SOURCES
 from kb.mcp.documents import from_link
 from kb.mcp.untrusted_text import AnswerPart, Fence, fit
-from kb.search.answers import SearchHit, search_as_meant
+from kb.search.answers import search_as_meant
 from kb.search.build import ensure
 from kb.search.coverage import coverage
 from kb.search.ranking import Only

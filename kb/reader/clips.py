@@ -21,7 +21,6 @@ from kb.core.errors import UsageError
 from kb.core.installation import require
 from kb.core.sources import made_of
 from kb.core.suggestions import did_you_mean, similar
-from kb.pairs.pair_selection import ALIGNED
 from kb.reader.hints import with_hints
 from kb.reader.tables import OpenTables, QueryResult, TableView
 from kb.store.exhausted import is_out_of_memory
@@ -29,6 +28,7 @@ from kb.store.tables.reading import text_literal
 
 Folder = str | os.PathLike[str]
 _TRAINED = ("pair_id", "video_id", "keyword", "text", "clip_start_s", "clip_end_s", "duration_s")
+_ALIGNED = ("aligned_start_s", "aligned_end_s", "alignable")
 _OF_VIDEO = ("title", "duration_s", "view_count", "like_count", "published_at")
 
 
@@ -94,7 +94,7 @@ class Clips(QueryResult):
             return self.to_table(_TRAINED)
         if "alignable" not in self.schema.names:
             raise UsageError("no pair is aligned yet", hint="run `kb pairs align` first")
-        rows = self.to_table([*_TRAINED, *ALIGNED])
+        rows = self.to_table([*_TRAINED, *_ALIGNED])
         enough = pc.greater_equal(rows["alignable"], alignable)
         for side in ("start", "end"):
             times = pc.if_else(enough, rows[f"aligned_{side}_s"], None)

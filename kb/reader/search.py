@@ -9,9 +9,10 @@ from kb.core.config.profile import DEFAULT, load_profile
 from kb.core.config.settings import Settings
 from kb.core.context import Run
 from kb.core.errors import UsageError
+from kb.core.search_hit import SearchHit
 from kb.core.sources import KINDS, SOURCES
 from kb.reader.tables import OpenTables, QueryResult
-from kb.search.answers import SearchHit, search
+from kb.search.answers import search
 from kb.search.build import ensure
 from kb.search.ranking import Only
 

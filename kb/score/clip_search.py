@@ -26,11 +26,11 @@ from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import MissingModel, UsageError
 from kb.core.installation import np, require, torch
+from kb.core.search_hit import SearchHit, cut
 from kb.core.sources import SOURCES, made_of
 from kb.pairs.clip_tokens import ENDS, LENGTH, Tokens
 from kb.score.film_store import Vectors, span, stored_model, vectors_of
 from kb.score.models import EXTRA, ClipModel, checkpoint_file, model_name, unit
-from kb.search.answers import SearchHit, cut
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 from kb.store.tables import database

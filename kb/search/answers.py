@@ -7,13 +7,13 @@ from difflib import SequenceMatcher, get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import pyarrow.parquet as pq
 from tantivy import TextAnalyzer
 
 from kb.artifacts import index, manifest, texts
 from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.errors import UsageError
+from kb.core.search_hit import SearchHit, cut
 from kb.core.sources import SOURCES
 from kb.core.suggestions import similar
 from kb.search.passage import Passage
@@ -36,26 +36,6 @@ _READ = 20  # passages in which the spelling of a stem is looked up
 
 class NotIndexed(UsageError):
     """There are no texts to search, or their index is missing or out of date."""
-
-
-class SearchHit(msgspec.Struct):
-    """A passage that was asked for. `text` is at most as long as was asked, `snippet` a part of it
-    with the words marked (of the title where the passage has no text of its own); `start_s` where
-    a video speaks of it; `licence` None where the source gives none.
-    """
-
-    text: str
-    snippet: str
-    source: str
-    kind: str
-    key: str
-    title: str
-    path: str
-    score: float
-    url: str
-    licence: str | None
-    date: str | None
-    start_s: float | None = None
 
 
 def search(
@@ -224,11 +204,6 @@ def _answer(
         date=passage.date,
         start_s=start,
     )
-
-
-def cut(text: str, size: int) -> str:
-    """The text, or as much of it as `size` characters hold with an ellipsis."""
-    return text if len(text) <= size else text[: max(0, size - 1)].rstrip() + "…"
 
 
 def _second(passage: Passage, marks: Sequence[tuple[int, int]]) -> float:

@@ -19,7 +19,7 @@ from kb.core.sources import KINDS, SOURCES
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
-    from kb.search.answers import SearchHit
+    from kb.core.search_hit import SearchHit
 
 
 index_app = group("Build the local search index of all clean text.")
