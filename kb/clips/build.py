@@ -19,8 +19,7 @@ import hashlib
 import io
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import compress, groupby, islice
-from operator import itemgetter
+from itertools import compress, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -48,6 +47,7 @@ from kb.clips.film_lookup import (
     find_films,
 )
 from kb.clips.frames import UndecodableVideo
+from kb.clips.pair_rows import by_video
 from kb.core.context import Run
 from kb.core.engine import executor_of_tasks, map_in_order
 from kb.core.errors import UsageError
@@ -261,9 +261,7 @@ def selected(
             )
         found = find_films(folders, dict.fromkeys(with_text) | _lengths(con, catalog))
         reader = con.sql("FROM chosen").to_arrow_reader(_BATCH)  # in the order of their making
-        rows = (row for batch in reader for row in batch.to_pylist())
-        by_video = (list(own) for _, own in groupby(rows, key=itemgetter("video_id")))
-        yield Selection(found, list(with_text), by_video)
+        yield Selection(found, list(with_text), by_video(reader))
 
 
 def _lengths(con: DuckDBPyConnection, catalog: Catalog) -> dict[str, float | None]:

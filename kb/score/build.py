@@ -14,8 +14,6 @@ import hashlib
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +32,7 @@ from kb.clips.film_lookup import (
     film_length_s,
 )
 from kb.clips.frames import UndecodableVideo
+from kb.clips.pair_rows import by_video, pairs_of
 from kb.core.context import Run
 from kb.core.engine import executor_of_tasks, map_in_order
 from kb.core.errors import MissingModel
@@ -60,8 +59,7 @@ from kb.store.atomic import write_bytes
 from kb.store.damage import read_note
 from kb.store.layout import Layout
 from kb.store.lock import writer
-from kb.store.tables import database, parquet
-from kb.store.tables.reading import scan
+from kb.store.tables import parquet
 from kb.store.tables.shard_writer import write_table
 
 _RULES = 2  # raise it when the same film, pairs and model give other scores
@@ -291,14 +289,10 @@ def put_back(run: Run) -> None:
     scored = ((path.stem, _read_scores(path)) for path in at.scoring.glob("*.json"))
     known = {video: done for video, done in scored if done is not None and done.model == name}
     scored_rows: list[pa.Table] = []
-    with database.connect(run.root) as con:
-        con.register("scored", pa.table({"video_id": pa.array(known, pa.string())}))
-        reader = con.sql(f"""
-            SELECT {_COLUMNS} FROM {scan(at.rows("pairs/pairs"))} SEMI JOIN scored USING (video_id)
-            ORDER BY video_id, pair_id""").to_arrow_reader()
-        rows = (row for batch in reader for row in batch.to_pylist())
-        for video, own in groupby(rows, key=itemgetter("video_id")):
-            if known[video].pairs.items() <= _digests(list(own)).items():
+    with pairs_of(run.root, at.rows("pairs/pairs"), known, _COLUMNS) as reader:
+        for own in by_video(reader):
+            video = own[0]["video_id"]
+            if known[video].pairs.items() <= _digests(own).items():
                 scored_rows.append(_rows(video, name, known[video]))
     with writer(run.root, "pairs"):
         _write(run, scored_rows)

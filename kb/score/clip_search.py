@@ -22,6 +22,7 @@ import pyarrow as pa
 
 from kb.artifacts import domain_binding, index, manifest, texts
 from kb.artifacts.table_catalog import Catalog
+from kb.clips.pair_rows import pairs_of
 from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import MissingModel, UsageError
@@ -100,17 +101,14 @@ class ClipSearch:
         catalog, encoder = Catalog(self._root.absolute()), _encoder(self._file)
         home = catalog.path if catalog.is_writable else catalog.cached
         films = Layout(self._root).films.glob(f"*/{escape(self.model)}.npz")
-        videos = pa.table({"video_id": pa.array(sorted(path.parent.name for path in films))})
+        videos = {path.parent.name for path in films}
         with domain_binding.writing(run, "pairs", workplace=home):
             inputs = texts.inputs(self._root, ARTIFACT)
             others = [index.folder(self._root, NAME) / file for file in self._usable()]
             if not (pairs := catalog.files("pairs/pairs")):
                 raise UsageError("there are no pairs whose clips to search", hint="run `kb pairs`")
-            with reading(pairs), database.connect(catalog.spill) as con:
-                con.register("seen", videos)
-                rows = con.sql(f"""
-                    SELECT {_COLUMNS} FROM {scan(pairs)} SEMI JOIN seen USING (video_id)
-                    ORDER BY video_id, pair_id""").to_arrow_table()
+            with pairs_of(self._root, pairs, videos, _COLUMNS) as reader:
+                rows = reader.read_all()
             with (
                 run.progress.task("index clips", total=rows.num_rows, unit="clips") as task,
                 manifest.replacing(home, ARTIFACT, inputs=inputs) as fresh,

@@ -16,8 +16,6 @@ Everything is computed of what `kb.score.film_store` has, so no film is opened.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +23,7 @@ import pyarrow as pa
 
 from kb.artifacts import freshness, manifest, measures
 from kb.artifacts.measures import check_pairs
+from kb.clips.pair_rows import by_video, pairs_of
 from kb.core.context import Run
 from kb.core.errors import UsageError
 from kb.core.installation import np
@@ -202,24 +201,16 @@ def _visual_duplicates(run: Run, videos: list[str]) -> dict[str, str]:
     models = measures.read_measures(Layout(run.root).pairs).get(SECTION, {}).get("models")
     if not models:
         return {}
-    with database.connect(run.root) as con:
-        con.register("seen", pa.table({"video_id": pa.array(videos, pa.string())}))
-        clips = con.sql(f"""
-            SELECT {CLIP} FROM {scan(Layout(run.root).rows("pairs/pairs"))}
-            SEMI JOIN seen USING (video_id) ORDER BY video_id, pair_id""").to_arrow_table()
+    with pairs_of(run.root, Layout(run.root).rows("pairs/pairs"), videos, CLIP) as reader:
+        clips = reader.read_all()
     return visual_duplicates(run.root, models[0], clips)
 
 
 def _seen_rows(run: Run, videos: list[str]) -> Iterator[tuple[list[dict[str, Any]], SeenFilm]]:
     """The pairs of each video whose clip begins before its film ends, and what was seen of it."""
-    with database.connect(run.root) as con:
-        con.register("seen", pa.table({"video_id": pa.array(videos, pa.string())}))
-        reader = con.sql(f"""
-            SELECT {_COLUMNS} FROM {scan(Layout(run.root).rows("pairs/pairs"))}
-            SEMI JOIN seen USING (video_id) ORDER BY video_id, pair_id""").to_arrow_reader()
-        rows = (row for batch in reader for row in batch.to_pylist())
-        for video, own in groupby(rows, key=itemgetter("video_id")):
-            seen = seen_film(run.root, video)
+    with pairs_of(run.root, Layout(run.root).rows("pairs/pairs"), videos, _COLUMNS) as reader:
+        for own in by_video(reader):
+            seen = seen_film(run.root, own[0]["video_id"])
             there = [row for row in own if seen is not None and row["clip_start_s"] < seen.end_s]
             if seen is not None and there:
                 yield there, seen

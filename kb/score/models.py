@@ -21,6 +21,7 @@ import json
 import re
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -255,18 +256,23 @@ def model_name(path: Path) -> str:
     files = [path]
     if path.is_dir():
         files = sorted([*path.glob("*.safetensors"), *path.glob("*.bin"), path / "config.json"])
-    digest = hashlib.sha256()
     try:
-        for file in files:
-            digest.update(checksums.digest(file).encode())
+        stamps = [(file, (about := file.stat()).st_size, about.st_mtime_ns) for file in files]
+        digest = _digest_of(tuple(stamps))
     except OSError as error:
         raise MissingModel(
             f"{error.filename or path} can't be read: {error.strerror}", hint=_FORMATS
         ) from None
-    return (
-        f"{path.name.removesuffix(path.suffix) if path.is_file() else path.name}@"
-        + (digest.hexdigest()[:16])
-    )
+    return f"{path.name.removesuffix(path.suffix) if path.is_file() else path.name}@" + digest[:16]
+
+
+@lru_cache(maxsize=4)  # explore asks at each search of clips
+def _digest_of(stamps: tuple[tuple[Path, int, int], ...]) -> str:
+    """The digest of these files, which have these sizes and times. Raises OSError."""
+    digest = hashlib.sha256()
+    for file, _, _ in stamps:
+        digest.update(checksums.digest(file).encode())
+    return digest.hexdigest()
 
 
 def _json(path: Path) -> dict[str, Any]:

@@ -23,14 +23,13 @@ Source of the thresholds: docs/films.md, "Duplicates by picture".
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.clips.pair_rows import by_video
 from kb.core.installation import np
 from kb.pairs.repeated_text import joined_firsts
 from kb.pairs.seeded_random import mixed
@@ -132,10 +131,8 @@ def _parts(
     root: Path, model: str, rows: pa.Table
 ) -> Iterator[tuple[list[dict[str, Any]], np.ndarray]]:
     """The clips of a video that vectors are stored of, and their parts: [clips, PARTS, width]."""
-    listed = (row for batch in rows.to_batches(1 << 14) for row in batch.to_pylist())
-    for video_id, group in groupby(listed, key=itemgetter("video_id")):
-        own = list(group)
-        vectors = vectors_of(root, video_id, model)
+    for own in by_video(rows.to_batches(1 << 14)):
+        vectors = vectors_of(root, own[0]["video_id"], model)
         ticks = sorted(vectors.frames)
         middles = (np.array(ticks) + 0.5) * vectors.step_s
         ends = [(row["clip_start_s"], row["clip_end_s"]) for row in own]
