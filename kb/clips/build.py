@@ -56,6 +56,7 @@ from kb.core.suggestions import similar
 from kb.core.summary import Summary
 from kb.pairs.pair_selection import asking, checked
 from kb.store.atomic import write_bytes, write_text
+from kb.store.leftovers import remove_temporary_in
 from kb.store.tables import database
 from kb.store.tables.reading import reading, scan
 
@@ -138,6 +139,7 @@ def build(
     """
     place = table_catalog.outside(run.root, out)
     _require()
+    remove_temporary_in(place)
     left_out: list[LeftOut] = []
     clips = 0
     number, parts = chosen.part or (1, 1)

@@ -19,7 +19,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from kb.clips.frames import UndecodableVideo, check_film
+from kb.clips.frames import UndecodableVideo, check_film, decoding_error
 from kb.core import signals
 from kb.schema.video_facts import possible_ids, without_stream
 from kb.store.walk import walk
@@ -159,7 +159,7 @@ def film_length_s(path: Path) -> float:
                 if end is not None and end > start:
                     return float(end - start)
     except (av.FFmpegError, ValueError) as error:
-        raise UndecodableVideo(str(error)) from None
+        raise UndecodableVideo(decoding_error(error)) from None
     raise UndecodableVideo("nothing is in the file")
 
 

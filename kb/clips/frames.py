@@ -32,6 +32,11 @@ class UndecodableVideo(Exception):
     """A file without a video stream, or one that FFmpeg can't decode; its text says which."""
 
 
+def decoding_error(error: av.FFmpegError | ValueError) -> str:
+    """What libav says, without the path of the film, which is nobody else's business."""
+    return getattr(error, "strerror", None) or str(error)
+
+
 def check_film(path: Path) -> os.stat_result:
     """What `os.stat` says of a file, before libav opens it, which would read a device as well, and
     wait for a FIFO. Raises UndecodableVideo for what is no regular file or can't be read,
@@ -78,7 +83,7 @@ def frames_at(
                     shown, image = frame, fitted(frame, size, fit)
                 yield image
     except (av.FFmpegError, ValueError) as error:
-        raise UndecodableVideo(str(error)) from None
+        raise UndecodableVideo(decoding_error(error)) from None
 
 
 def _ticks(times_s: Sequence[float], start: Fraction, stream: av.VideoStream) -> list[int]:

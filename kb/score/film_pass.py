@@ -14,7 +14,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Self
 
-from kb.clips.frames import LEAD_S, UndecodableVideo, check_film, fitted
+from kb.clips.frames import LEAD_S, UndecodableVideo, check_film, decoding_error, fitted
 from kb.core import signals
 from kb.core.engine import Inline
 from kb.core.installation import np
@@ -108,7 +108,7 @@ class _Decoder:
                 start = Fraction(max(film.start_time or 0, 0), av.time_base)
                 yield from self._timed(film, stream, start)
         except (av.FFmpegError, ValueError) as error:
-            self.why = str(error)
+            self.why = decoding_error(error)
 
     def _timed(
         self, film: av.container.InputContainer, stream: av.VideoStream, start: Fraction
@@ -141,14 +141,14 @@ class _Decoder:
             try:
                 packet = next(packets, None)
             except av.FFmpegError as error:  # the file ends too early: what came before counts
-                self.why, packet = str(error), None
+                self.why, packet = decoding_error(error), None
             signals.stop.raise_if_asked()
             try:
                 yield from stream.codec_context.decode(packet)
             except av.EOFError:
                 return
             except av.InvalidDataError as error:
-                self.damaged, self.why = self.damaged + 1, str(error)
+                self.damaged, self.why = self.damaged + 1, decoding_error(error)
             if packet is None:
                 return
 

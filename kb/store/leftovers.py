@@ -44,9 +44,7 @@ def sweep(root: Path, name: str) -> None:
     artifacts = [artifact for artifact in ARTIFACTS.values() if artifact.lock == name]
     _spilled(root)
     remove_temporary(at.profile)
-    for entry in at.kept_profile.glob(".*.tmp"):
-        if atomic.has_ended(entry.name):
-            _clear(entry)
+    remove_temporary_in(at.kept_profile)
     for read in {made_of for artifact in artifacts for made_of in artifact.inputs}:
         if read.startswith("clean/") and name != "report":  # a report does not lock what it reads
             settle_folder(root / read)
@@ -85,6 +83,13 @@ def remove_temporary(path: Path) -> None:
     """What processes that ended left of a file which no lock is for."""
     for entry in sorted(path.parent.glob(f".{path.name}.*.tmp")):
         if atomic.has_ended(entry.name.removeprefix(f".{path.name}.")):
+            _clear(entry)
+
+
+def remove_temporary_in(folder: Path) -> None:
+    """What processes that ended left in a folder of the user's, at any depth."""
+    for entry in folder.rglob(".*.tmp"):
+        if atomic.has_ended(entry.name):
             _clear(entry)
 
 

@@ -7,6 +7,8 @@ import json
 import math
 import os
 import shutil
+import subprocess
+import sys
 import tarfile
 import threading
 from collections import Counter
@@ -28,6 +30,7 @@ from kb.core.context import Run
 from kb.core.errors import UsageError
 from kb.pairs.clip_tokens import token_ids
 from tests.clips.films import film, number_of
+from tests.conftest import ROOT
 from tests.release.conftest import a_run
 from tests.release.made import build as made
 
@@ -71,8 +74,10 @@ def test_every_pair_is_a_clip_or_has_a_reason(run: Run, places, tmp_path: Path) 
     counts = {name: summary[name] for name in ("clips", "missing", "short", "undecodable")}
     assert counts == {"clips": 2, "missing": 2, "short": 2, "undecodable": 2}
     with (tmp_path / "out/left_out.csv").open() as file:
-        reasons = {row["video_id"]: row["reason"] for row in csv.DictReader(file)}
+        text = file.read()
+    reasons = {row["video_id"]: row["reason"] for row in csv.DictReader(text.splitlines())}
     assert reasons == {IDS[1]: "short", IDS[2]: "undecodable", IDS[3]: "missing"}
+    assert str(films) not in text  # the list may be shared
     pairs = {key for key, row in _pairs(root).items() if row["video_id"] == IDS[0]}
     assert {name.partition(".")[0] for name, _ in _shards(tmp_path / "out")} == pairs
 
@@ -123,6 +128,32 @@ def test_a_second_run_cuts_nothing_and_a_changed_film_is_cut_again(
     assert build.build(run, [films], tmp_path / "fresh", OPTIONS, build.Chosen())["clips"] == 2
     (fresh,) = (tmp_path / "fresh").glob("*.tar")
     assert fresh.read_bytes() == before[1]
+
+
+@pytest.mark.parametrize("name", ["clips-00000.tar", f"{IDS[0]}/{IDS[0]}.npz"])
+def test_what_a_killed_run_left_goes_and_a_running_one_keeps_its_own(
+    run: Run, places, tmp_path: Path, name: str
+) -> None:
+    script = (
+        "import pathlib, sys\n"
+        "from kb.store.atomic import writing\n"
+        "with writing(pathlib.Path(sys.argv[1])) as path:\n"
+        "    path.write_bytes(b'half')\n"
+        "    print(flush=True)\n"
+        "    sys.stdin.read()\n"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / name)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    killed, running = (subprocess.Popen(command, cwd=ROOT, **pipes) for _ in range(2))
+    for process in (killed, running):
+        assert process.stdout.readline() == b"\n"
+    killed.kill()
+    killed.communicate()
+    build.build(run, [places[1]], tmp_path, OPTIONS, build.Chosen())
+    assert len(list(tmp_path.rglob(".*.tmp"))) == 1
+    running.communicate(b"")
+    assert (tmp_path / name).read_bytes() == b"half"
+    assert running.returncode == 0
 
 
 @pytest.fixture
