@@ -1,6 +1,7 @@
 """The `kb` command: thin files over the rooms, nothing heavy until a command runs."""
 
 import contextlib
+import os
 import signal
 import sys
 
@@ -14,6 +15,8 @@ def main(arguments: list[str] | None = None) -> None:
     Until a command takes signals itself, nothing was sent or written: one ends the program at once,
     with exit code 3.
     """
+    # Plug-ins of pydantic are not asked for: they are looked for in every installed package.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     ours = [
         number
         for number in BOTH

@@ -100,7 +100,17 @@ def folder(name: str) -> Path:
     )
 
 
-__all__ = ["ds", "np", "require", "torch"]
+__all__ = [
+    "ds",
+    "fsspec",
+    "fsspec_cached",
+    "langcodes",
+    "langcodes_registry",
+    "np",
+    "pc",
+    "require",
+    "torch",
+]
 
 
 class _LatePackage:
@@ -129,12 +139,22 @@ def require(extra: str, *packages: str) -> None:
 
 
 if TYPE_CHECKING:
+    import fsspec
+    import fsspec.implementations.cached as fsspec_cached
+    import langcodes
+    import langcodes.registry_parser as langcodes_registry
     import numpy as np
+    import pyarrow.compute as pc
     import pyarrow.dataset as ds
     import torch
 else:
     ds = _LatePackage("pyarrow.dataset", "")  # which imports pandas where that is installed
+    fsspec = _LatePackage("fsspec", "")
+    fsspec_cached = _LatePackage("fsspec.implementations.cached", "")
+    langcodes = _LatePackage("langcodes", "")
+    langcodes_registry = _LatePackage("langcodes.registry_parser", "")
     np = _LatePackage("numpy", "")
+    pc = _LatePackage("pyarrow.compute", "")  # 0.06 s of what every command would take to start
     torch = _LatePackage("torch", "torch")
 
 

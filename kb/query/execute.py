@@ -24,7 +24,7 @@ from kb.core.suggestions import did_you_mean, similar
 from kb.query import statements
 from kb.query.formats import as_csv
 from kb.query.limits import Limits, limited, restrict_process, timed_out
-from kb.query.remote_duckdb import reading_views
+from kb.query.remote_reading import reading_views
 from kb.query.views import connect, find_views
 from kb.schema.tables import tables
 from kb.store.artifact_registry import ARTIFACTS
