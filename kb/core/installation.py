@@ -109,6 +109,7 @@ __all__ = [
     "np",
     "pc",
     "require",
+    "tenacity",
     "torch",
 ]
 
@@ -146,6 +147,7 @@ if TYPE_CHECKING:
     import numpy as np
     import pyarrow.compute as pc
     import pyarrow.dataset as ds
+    import tenacity
     import torch
 else:
     ds = _LatePackage("pyarrow.dataset", "")  # which imports pandas where that is installed
@@ -155,6 +157,7 @@ else:
     langcodes_registry = _LatePackage("langcodes.registry_parser", "")
     np = _LatePackage("numpy", "")
     pc = _LatePackage("pyarrow.compute", "")  # 0.06 s of what every command would take to start
+    tenacity = _LatePackage("tenacity", "")  # with asyncio, and Tornado where that is installed
     torch = _LatePackage("torch", "torch")
 
 

@@ -43,7 +43,7 @@ def three_letters(code: str) -> str | None:
     """ISO 639-2's terminological code of a language, `deu` of `de`; None for what has none."""
     try:
         return langcodes.Language.get(primary_language(code)).to_alpha3()
-    except (LookupError, langcodes.LanguageTagError):
+    except (LookupError, ValueError):
         return None
 
 

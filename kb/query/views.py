@@ -46,14 +46,15 @@ def connect(
 
     `views`: these (with absolute paths) instead of those of `root`. Without a `root`, and for a
     download, nothing is spilled to the folder. `limits`: of memory and spilling; the time limit is
-    up to `kb.query.limits.limited`. Raises DamagedData for a file that is not Parquet.
+    up to `kb.query.limits.limited`. Raises DamagedData for a file that is not Parquet, or that a
+    table of `root` lacks.
     """
     tables = Catalog(root.absolute()) if root else None
     con = _open(tables.spill if tables else None, limits)
+    if tables:
+        tables.require_tables()
     if views is None:
         views = tables.views if tables else []
-        if tables:
-            tables.require_tables()
     files = _make(con, views)
     # DuckDB checks the pattern, then the file.
     allowed = sorted(files | {escaped(file) for file in files})
