@@ -104,8 +104,9 @@ __all__ = [
     "ds",
     "fsspec",
     "fsspec_cached",
+    "googleapiclient",
+    "httplib2",
     "langcodes",
-    "langcodes_registry",
     "np",
     "pc",
     "require",
@@ -124,7 +125,11 @@ class _LatePackage:
         if attribute.startswith("_"):
             raise AttributeError(attribute)
         require(self._extra, self._name)
-        value = getattr(import_module(self._name), attribute)
+        package = import_module(self._name)
+        if not hasattr(package, attribute):
+            with contextlib.suppress(ModuleNotFoundError):  # else it may be a module of the package
+                import_module(f"{self._name}.{attribute}")
+        value = getattr(package, attribute)
         setattr(self, attribute, value)
         return value
 
@@ -142,8 +147,10 @@ def require(extra: str, *packages: str) -> None:
 if TYPE_CHECKING:
     import fsspec
     import fsspec.implementations.cached as fsspec_cached
-    import langcodes
-    import langcodes.registry_parser as langcodes_registry
+    import googleapiclient.discovery
+    import googleapiclient.errors
+    import httplib2
+    import langcodes.registry_parser
     import numpy as np
     import pyarrow.compute as pc
     import pyarrow.dataset as ds
@@ -153,8 +160,9 @@ else:
     ds = _LatePackage("pyarrow.dataset", "")  # which imports pandas where that is installed
     fsspec = _LatePackage("fsspec", "")
     fsspec_cached = _LatePackage("fsspec.implementations.cached", "")
+    googleapiclient = _LatePackage("googleapiclient", "")
+    httplib2 = _LatePackage("httplib2", "")
     langcodes = _LatePackage("langcodes", "")
-    langcodes_registry = _LatePackage("langcodes.registry_parser", "")
     np = _LatePackage("numpy", "")
     pc = _LatePackage("pyarrow.compute", "")  # 0.06 s of what every command would take to start
     tenacity = _LatePackage("tenacity", "")  # with asyncio, and Tornado where that is installed

@@ -5,7 +5,7 @@ and `deu` are `de`, `cmn` and `zh-Hant` are Chinese. The package langcodes knows
 import re
 from functools import cache
 
-from kb.core.installation import langcodes, langcodes_registry
+from kb.core.installation import langcodes
 
 _ENGLISH = "en"  # known without the package, which takes 0.06 s to import
 _NONE = ("mis", "mul", "und", "zxx")  # ISO 639's codes of no, several or an unknown language
@@ -58,7 +58,7 @@ def _by_name() -> dict[str, str]:
     The first of a name counts: those of two letters come first.
     """
     names: dict[str, str] = {}
-    for entry in langcodes_registry.parse_registry():  # type: ignore[no-untyped-call]
+    for entry in langcodes.registry_parser.parse_registry():  # type: ignore[no-untyped-call]
         if entry["Type"] == "language":
             for name in entry["Description"]:
                 plain = re.sub(r"\s*\(.*\)", "", name).removeprefix("Modern ").lower()
