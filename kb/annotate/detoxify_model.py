@@ -17,9 +17,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 from kb.core.errors import MissingModel
+from kb.core.installation import mock
 from kb.core.regular_file import open_regular
 from kb.store.checkpoint import Checkpoint, need_extra, tokenizer_files
 from kb.store.exhausted import is_out_of_memory

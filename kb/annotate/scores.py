@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts import purge_rows, score_files
 from kb.artifacts.score_files import TABLE
+from kb.core.installation import duckdb
 from kb.schema.tables import table
 from kb.store.artifact_registry import MANIFEST
 from kb.store.layout import Layout, parquet_files

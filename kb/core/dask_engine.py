@@ -8,7 +8,6 @@ Every wait goes in short slices: a signal, a lost scheduler and a cluster withou
 Source: https://distributed.dask.org/en/stable/client.html, …/resilience.html
 """
 
-import asyncio
 import concurrent.futures
 import contextlib
 import importlib.metadata
@@ -27,7 +26,7 @@ from typing import Any
 from kb.core import clock, signals
 from kb.core.arrow_without_pandas import without_pandas
 from kb.core.errors import FatalError, MissingExtra, SettingError, Unreachable
-from kb.core.installation import code_digest, install_extra
+from kb.core.installation import asyncio, code_digest, install_extra
 from kb.version import __version__
 
 CONNECT_S, WORKERS_S = 15.0, 120.0  # a queue may take its time to start the first worker

@@ -100,7 +100,7 @@ def folder(name: str) -> Path:
     )
 
 
-__all__ = ["ds", "np", "require", "torch"]
+__all__ = ["asyncio", "ds", "duckdb", "mock", "np", "require", "torch"]
 
 
 class _LatePackage:
@@ -129,10 +129,17 @@ def require(extra: str, *packages: str) -> None:
 
 
 if TYPE_CHECKING:
+    import asyncio
+    from unittest import mock
+
+    import duckdb
     import numpy as np
     import pyarrow.dataset as ds
     import torch
 else:
+    asyncio = _LatePackage("asyncio", "")
+    duckdb = _LatePackage("duckdb", "")  # no worker of a filter asks it anything
+    mock = _LatePackage("unittest.mock", "")  # which imports asyncio
     ds = _LatePackage("pyarrow.dataset", "")  # which imports pandas where that is installed
     np = _LatePackage("numpy", "")
     torch = _LatePackage("torch", "torch")

@@ -249,7 +249,7 @@ def _to_table(records: list[Row], *, live: bool) -> pa.Table:
     }
     plain = [field for field in schema() if field.name not in special]
     # Arrow looks the fields up itself.
-    read = pa.array(records, pa.struct(plain))
+    read: Any = pa.array(records, pa.struct(plain))
     columns = [
         special[field.name].cast(field.type) if field.name in special else read.field(field.name)
         for field in schema()

@@ -6,6 +6,8 @@ command was typed. DuckDB removes it at the end; what a killed process left ther
 may have been purged since, so kb.store.leftovers clears it.
 """
 
+from __future__ import annotations
+
 import atexit
 import contextlib
 import functools
@@ -14,8 +16,7 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-import duckdb
-
+from kb.core.installation import duckdb
 from kb.store import atomic
 from kb.store.leftovers import SPILL
 
