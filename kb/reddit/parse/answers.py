@@ -59,12 +59,12 @@ def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
 
 def _rows_of(line: bytes, kind: str, reader: RecordReader) -> list[Row]:
     """The rows of one envelope, in the order of the answer."""
-    envelope = _decode(line, _DECODER)
+    envelope = _decode(line)
     params, status = envelope["request"]["params"], envelope["status"]
     things = list(answer_tree.things(envelope["response"])) if status == 200 else []
     if not all(isinstance(key := thing.data.get("id"), str) and key for thing in things):
         # The key of a record without an id is made of everything in it.
-        things = list(answer_tree.things(_decode(line, _WHOLE)["response"]))
+        things = list(answer_tree.things(_decode(line, whole=True)["response"]))
     post = str(params.get("article") or answer_tree.bare(params.get("link_id")))
     records: list[Row] = []
     for thing in things:
@@ -97,10 +97,14 @@ def _rows_of(line: bytes, kind: str, reader: RecordReader) -> list[Row]:
     return records
 
 
-def _decode(line: bytes, decoder: msgspec.json.Decoder[Any]) -> dict[str, Any]:
-    """The envelope of a line. Raises DamagedData."""
+def _decode(line: bytes, *, whole: bool = False) -> dict[str, Any]:
+    """The envelope of a line, with the fields of `_Node` alone unless it is wanted `whole` or has
+    another form. Raises DamagedData.
+    """
     try:
-        envelope = decoder.decode(line)
+        envelope = (_WHOLE if whole else _DECODER).decode(line)
+    except msgspec.ValidationError:
+        return _decode(line, whole=True)
     except (msgspec.DecodeError, UnicodeDecodeError):
         try:
             envelope = holdable(json.loads(line))  # lone surrogates, which Arrow can't hold

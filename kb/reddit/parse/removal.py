@@ -125,16 +125,15 @@ def _moment(value: Any) -> int | None:
 
 def _of_record(thing: Mapping[str, Any]) -> Removal | None:
     """What Reddit says in the fields of a record."""
-    category, text = thing.get("removed_by_category"), _text(thing)
-    if category in ("deleted", "author") or _in_place_of(text) == "deleted":
-        return Removal("deleted", str(category or text).strip())
-    if category:
+    if category := thing.get("removed_by_category"):
+        if category in ("deleted", "author") or _in_place_of(_text(thing)) == "deleted":
+            return Removal("deleted", str(category).strip())
         return Removal("removed", str(category))
     if of_text := _of_text(thing):
         return of_text
     if thing.get("is_robot_indexable") is False:
         return Removal("removed", "is_robot_indexable is false")
-    if thing.get("author") == "[deleted]" and text is None:
+    if thing.get("author") == "[deleted]" and _text(thing) is None:
         return Removal("deleted", "[deleted]")
     return None
 
