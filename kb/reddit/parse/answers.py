@@ -114,7 +114,7 @@ def _decode(line: bytes, *, whole: bool = False) -> dict[str, Any]:
 
 
 class _Node(TypedDict, total=False):
-    """What is read of an object of an answer, a listing or a record; most fields are passed over."""
+    """What is read of an object of an answer, a listing or a record; the rest is passed over."""
 
     # How answers are nested (answer_tree)
     kind: Any
