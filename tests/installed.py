@@ -2,6 +2,7 @@
 which it is installed outside of the checkout, and the demo.
 """
 
+import os
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from kb.core.config.profile import load_profile
+from kb.net.certificates import VARIABLES
 from kb.sandbox.domain import domain_of
 from kb.sandbox.server import Sandbox
 from kb.sandbox.wiki.generated import PAGES
@@ -84,8 +86,12 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def outside() -> dict[str, str]:
-    """An environment in which nothing leads the installed program back to this checkout."""
-    return {name: value for name, value in clean_environment().items() if name != "PYTHONPATH"}
+    """An environment in which nothing leads the installed program back to this checkout, and
+    installers trust what they trust here.
+    """
+    trusted = {name: os.environ[name] for name in VARIABLES if name in os.environ}
+    clean = clean_environment() | trusted
+    return {name: value for name, value in clean.items() if name != "PYTHONPATH"}
 
 
 @pytest.fixture(scope="session")
