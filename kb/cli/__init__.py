@@ -4,6 +4,7 @@ import contextlib
 import signal
 import sys
 
+from kb.core import terminal
 from kb.core.errors import KbError
 from kb.core.signals import BOTH, ended_in_time, handling, leave
 
@@ -14,6 +15,7 @@ def main(arguments: list[str] | None = None) -> None:
     Until a command takes signals itself, nothing was sent or written: one ends the program at once,
     with exit code 3.
     """
+    terminal.escape_unencodable(sys.stdout, sys.stderr)
     ours = [
         number
         for number in BOTH
