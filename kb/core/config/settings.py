@@ -267,7 +267,9 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
     try:
         if dotenv and Path(".env").is_fifo():  # the library would wait for it
             check_regular(".env")
-        settings = DECLARED(_env_file=".env" if dotenv else None, **given)
+        # An editor's mark at the beginning would be a part of the first name.
+        file = {"_env_file": ".env" if dotenv else None, "_env_file_encoding": "utf-8-sig"}
+        settings = DECLARED(**file, **given)
     except ValidationError as error:
         wrong = []
         for detail in error.errors(include_url=False):
@@ -301,7 +303,9 @@ def unknown_names(*, dotenv: bool = True) -> list[str]:
     """
     lines = []
     if dotenv and Path(".env").is_file():
-        lines += _lines(".env", dotenv_values(".env", interpolate=False), _OURS)
+        lines += _lines(
+            ".env", dotenv_values(".env", interpolate=False, encoding="utf-8-sig"), _OURS
+        )
     return lines + _lines("the environment", os.environ, ("KB_",))
 
 
