@@ -60,7 +60,12 @@ class Settings(BaseSettings):
     Field names are the variables' names in lower case.
     """
 
-    model_config = SettingsConfigDict(env_file=None, extra="ignore", frozen=True)
+    model_config = SettingsConfigDict(
+        env_file=None,
+        env_file_encoding="utf-8-sig",  # an editor's mark is no part of the first name
+        extra="ignore",
+        frozen=True,
+    )
 
     youtube_api_key: SecretStr | None = Field(None, description="YouTube Data API v3 key")
     reddit_client_id: SecretStr | None = Field(None, description="id of your own Reddit app")
@@ -267,9 +272,7 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
     try:
         if dotenv and Path(".env").is_fifo():  # the library would wait for it
             check_regular(".env")
-        # An editor's mark at the beginning would be a part of the first name.
-        file = {"_env_file": ".env" if dotenv else None, "_env_file_encoding": "utf-8-sig"}
-        settings = DECLARED(**file, **given)
+        settings = DECLARED(_env_file=".env" if dotenv else None, **given)
     except ValidationError as error:
         wrong = []
         for detail in error.errors(include_url=False):
