@@ -34,7 +34,7 @@ def check_rows(root: Path, name: str) -> None:
     """Raises FatalError when a table has no rows to export."""
     if not exported_files(Catalog(root.absolute()), name):
         raise FatalError(
-            f"nothing to export: {root} has no {name}",
+            f"nothing to export: {root} has no content of {name}",
             hint=f"run `{of_table(name).command}` first",
         )
 

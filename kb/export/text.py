@@ -128,7 +128,7 @@ def export(run: Run, of: DocumentSource, out: Path | None = None, **asked: Any) 
     }
     if absent := [name for name, paths in files.items() if not paths]:
         raise FatalError(
-            f"nothing to export: {run.root} has no {' and no '.join(absent)}",
+            f"nothing to export: {run.root} has no content of {' or '.join(absent)}",
             hint=f"run `{ARTIFACTS[f'clean/{source}'].command}` first",
         )
     main, every = next(iter(files)), [path for paths in files.values() for path in paths]

@@ -186,7 +186,7 @@ def test_what_a_download_lacks_is_not_asked_of_commands_that_refuse_it(
         assert f"`kb restore {above / 'tasks'}`" in done.said or "--release" in more
     done = typed("youtube export", "--format", "text", "--out", str(out), "--data", str(above))
     assert (done.code, out.exists()) == (1, False)
-    assert "has no youtube/transcripts; a download" in done.said
+    assert "has no content of youtube/transcripts; a download" in done.said
     done = typed("search", "--data", str(above / "tasks"))
     assert f"`kb restore {above / 'tasks'}` brings back" in done.said
 

@@ -161,7 +161,7 @@ def test_without_one_of_the_tables_of_its_texts_nothing_is_written(
     source = name.partition("/")[0]
     for other in {f"{source}/{short}" for short in SOURCES[source].textual} - {name}:
         fill(tmp_path / "data", other, make_rows(other, 1), 1)
-    with pytest.raises(FatalError, match=f"has no {name}$"):
+    with pytest.raises(FatalError, match=f"has no content of {name}$"):
         CLASSES[source].writers()["text"](run_at(tmp_path / "data"), out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
