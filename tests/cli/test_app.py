@@ -19,7 +19,6 @@ from tests.cli.conftest import clean_environment
 NOT_FOR_HELP = (
     "rich",
     "pydantic",
-    "pydantic_settings",
     "pyarrow",
     "duckdb",
     "numpy",
