@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 
+from kb.core import terminal
 from kb.core.errors import KbError
 from kb.core.signals import BOTH, ended_in_time, handling, leave
 from kb.core.startup import collect_seldom
@@ -19,6 +20,7 @@ def main(arguments: list[str] | None = None) -> None:
     collect_seldom()
     # Plug-ins of pydantic are not asked for: they are looked for in every installed package.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    terminal.escape_unencodable(sys.stdout, sys.stderr)
     ours = [
         number
         for number in BOTH

@@ -32,7 +32,7 @@ _ENDINGS = frozenset(
     (".mp4", ".m4v", ".mkv", ".webm", ".mov", ".avi", ".flv", ".ts", ".3gp", ".mpg", ".mpeg")
 )
 # How `yt-dlp --split-chapters` names the film of a chapter.
-_CHAPTER = re.compile(r".* - [0-9]{3,} .*")
+_CHAPTER = re.compile(r".* - [0-9]{3,} .*", re.DOTALL)
 _END = 10**13  # µs; beyond the end of every film
 _THREADS = 8  # that wait for disks
 _DIGEST_ENDS = 1 << 20  # bytes of the beginning and the end of a film that its digest is of

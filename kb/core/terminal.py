@@ -5,7 +5,9 @@ marks that turn the direction of writing, and line breaks that forge a line. Non
 a terminal, a log line or an error as it is; files keep the data exactly.
 """
 
+import codecs
 from collections.abc import Sequence
+from io import TextIOWrapper
 from json import dumps
 from typing import Any
 
@@ -39,6 +41,25 @@ def lines(text: str) -> str:
 def json(text: str) -> str:
     """JSON with the same written as JSON itself escapes it: its values stay what they are."""
     return text.translate(_JSON)
+
+
+_RAISING = ("strict", "surrogateescape")  # others are what the user has asked for
+
+
+def escape_unencodable(*streams: object) -> None:
+    """Let streams write characters that their encoding lacks as JSON does (`\\u00e9`), so that no
+    output ends halfway, and JSON stays JSON.
+    """
+    codecs.register_error("kb.escape", _escaped)
+    for stream in streams:
+        if isinstance(stream, TextIOWrapper) and stream.errors in _RAISING:
+            stream.reconfigure(errors="kb.escape")
+
+
+def _escaped(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return dumps(error.object[error.start : error.end])[1:-1], error.end
 
 
 def table(rows: Sequence[Sequence[str]], least: int = 0) -> list[str]:

@@ -20,6 +20,7 @@ be taken for an id.
 import csv
 import json
 import zlib
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -258,7 +259,7 @@ class _Described(msgspec.Struct):
 
 def _metadata(path: Path) -> Any:
     """Of a large document what describes it."""
-    return msgspec.json.decode(read_regular(path), type=_Described).metadata
+    return msgspec.json.decode(read_regular(path).removeprefix(BOM_UTF8), type=_Described).metadata
 
 
 def _of_parquet(path: Path, rules: IdRules) -> Iterator[ListedId]:

@@ -12,7 +12,6 @@ from kb.core.errors import FatalError
 from kb.schema.tables import table
 from kb.store.artifact_registry import of_table
 from kb.store.atomic import writing
-from kb.store.layout import Layout
 from kb.store.tables.merge import Merge
 from kb.store.tables.shard_writer import order
 
@@ -35,7 +34,7 @@ def check_rows(root: Path, name: str) -> None:
     """Raises FatalError when a table has no rows to export."""
     if not exported_files(Catalog(root.absolute()), name):
         raise FatalError(
-            f"nothing to export: {Layout(root).table(name)} has no rows",
+            f"nothing to export: {root} has no content of {name}",
             hint=f"run `{of_table(name).command}` first",
         )
 

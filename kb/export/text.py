@@ -114,23 +114,24 @@ def export(run: Run, of: DocumentSource, out: Path | None = None, **asked: Any) 
     TextOptions say; both to `out` where it is given, as it is for a download. Without such rows the
     file is empty.
 
-    Raises FatalError where nothing was filtered yet, SettingError for a file that is no tokenizer,
-    MissingExtra, DamagedData, DiskFull.
+    Raises FatalError where a table that texts are made of is not there, SettingError for a file
+    that is no tokenizer, MissingExtra, DamagedData, DiskFull.
     """
     options = TextOptions(**asked)
     if options.tokenizer:
         _tokenizer(options.tokenizer)
     source = of.declared.name
-    main, *others = (f"{source}/{short}" for short in of.declared.textual)
     catalog = Catalog(run.root.absolute())
-    files = {name: exported_files(catalog, name) for name in (main, *others)}
-    parts, every = files[main], [path for some in files.values() for path in some]
-    if not every:
-        clean = ARTIFACTS[f"clean/{source}"]
+    files = {
+        name: exported_files(catalog, name)
+        for name in (f"{source}/{short}" for short in of.declared.textual)
+    }
+    if absent := [name for name, paths in files.items() if not paths]:
         raise FatalError(
-            f"nothing to export: {clean.folder(run.root)} is not there",
-            hint=f"run `{clean.command}` first",
+            f"nothing to export: {run.root} has no content of {' or '.join(absent)}",
+            hint=f"run `{ARTIFACTS[f'clean/{source}'].command}` first",
         )
+    main, every = next(iter(files)), [path for paths in files.values() for path in paths]
     size = sum(path.stat().st_size for path in every)
     path = (out or Layout(run.root).export("text")) / (
         source + (CHUNKS if options.chunk_tokens else ".jsonl")
@@ -142,7 +143,7 @@ def export(run: Run, of: DocumentSource, out: Path | None = None, **asked: Any) 
         executor_of(run, size) as executor,
         writing(path) as temporary,
         temporary.open("wb") as file,
-        run.progress.task(f"{source} as text", total=len(parts), unit="parts") as task,
+        run.progress.task(f"{source} as text", total=len(files[main]), unit="parts") as task,
     ):
         # Shards of a release are cut by size: all are read together.
         together = {name: [*map(str, paths)] for name, paths in files.items()}

@@ -76,9 +76,15 @@ def export(
         known = f"SELECT pair_id FROM {scan(figures)} WHERE alignable IS NOT NULL"
         where += f" AND pair_id IN ({known})"
     rows = drawn_rows(catalog.spill, files, labeling, sample, seed, where)
+    if not rows:
+        none = (
+            "none is aligned with its film" if aligned else f"the table {labeling.table} is empty"
+        )
+        none = none if pairs is None else f"none that --pairs {pairs} names is here"
+        raise FatalError(f"there are no {labeling.kind}s to judge: {none}")
     if aligned:
         rows = at_aligned_times(catalog.spill, figures, rows)
-    around = surroundings(run.root, files, rows) if spoken and rows else {}
+    around = surroundings(run.root, files, rows) if spoken else {}
     videos = described(run.root, rows) if labeling is questions.TASKS else {}
     asked = asked_questions(labeling, files, aligned=aligned)
     tasks = [{"data": _data(row, labeling, around, videos)} for row in rows]

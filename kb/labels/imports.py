@@ -11,6 +11,7 @@ the number of items.
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -211,6 +212,9 @@ _NEWEST = """
     ORDER BY kind::VARCHAR, item_id, annotator, question::VARCHAR"""
 
 
+_EXPORT = "export the project from Label Studio as JSON (not JSON-MIN)"
+
+
 class LabeledItem(msgspec.Struct):
     """`data` of a task: what `kb label export` wrote of the item."""
 
@@ -238,14 +242,22 @@ class _Task(msgspec.Struct):
 
 def _tasks(path: Path) -> list[_Task]:
     try:
-        return msgspec.json.decode(read_regular(path), type=list[_Task])
+        tasks = msgspec.json.decode(
+            read_regular(path).removeprefix(codecs.BOM_UTF8), type=list[_Task]
+        )
     except OSError as error:
         raise UsageError(f"{path} can't be read: {error.strerror}") from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise UsageError(
             f"{path} is not an export of a labelling project: {error}",
-            hint="export the project from Label Studio as JSON (not JSON-MIN)",
+            hint=_EXPORT,
         ) from None
+    if tasks and not any(isinstance(task.annotations, list) for task in tasks):
+        raise UsageError(
+            f"{path} is not an export of a labelling project: no task in it has annotations",
+            hint=_EXPORT,
+        )
+    return tasks
 
 
 def _rows(task: _Task, counts: Counter[str]) -> Iterator[dict[str, Any]]:

@@ -21,7 +21,7 @@ import pyarrow as pa
 
 from kb.artifacts import domain_binding, freshness, manifest, table_catalog
 from kb.core.context import Run
-from kb.core.errors import UsageError
+from kb.core.errors import FatalError, UsageError
 from kb.core.installation import np
 from kb.core.summary import Summary
 from kb.pairs.draw import SPLIT, VIDEOS, Asked, Draw, drawn_from
@@ -65,8 +65,10 @@ def release_draw(
         freshness.refuse(run, "release/pairs")
         catalog = table_catalog.read_catalog(Layout(run.root).release())
     _check_condition(asked.where)
+    if not (files := catalog.files("pairs/pairs")):
+        raise FatalError("there are no released pairs", hint="give --data a release with pairs")
     with (
-        reading(catalog.files("pairs/pairs")),
+        reading(files),
         database.connect(None, memory=_MEMORY) as con,
     ):
         made = drawn_from(run, con, catalog, asked)

@@ -17,7 +17,7 @@ _STREAM = re.compile(r"\.f\d+(?:-\w+)?$")  # of one format, before yt-dlp joins 
 _BRACKETS = re.compile(
     r"\[(?:youtube[-_= ])?([A-Za-z0-9_-]{11})\]$|\[(?:youtube[-_= ])?([^][]+)\]$", re.IGNORECASE
 )
-_BEHIND_TITLE = re.compile(r".+-([A-Za-z0-9_-]{11})")
+_BEHIND_TITLE = re.compile(r".+-([A-Za-z0-9_-]{11})", re.DOTALL)
 
 
 def without_stream(stem: str) -> str:

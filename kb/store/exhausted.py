@@ -20,6 +20,7 @@ from pathlib import Path
 from kb.core.errors import DiskFull, KbError, Stopped
 
 FULL_HINT = "free some space and run the same command again"
+LIMIT_HINT = "raise it (ulimit -f) and run the same command again"
 _WHY = {
     errno.ENOSPC: "",
     errno.EDQUOT: " (the quota is used up)",
@@ -71,25 +72,27 @@ def as_disk_full(error: BaseException, *places: Path) -> DiskFull | None:
         clear = isinstance(error, KbError) or type(error).__module__[:3] == "kb."
         clear = clear or is_out_of_memory(error)
         clear = clear or (isinstance(error, OSError) and error.errno is not None)
-        full = None if clear else next(filter(_is_full, places), None)
+        full = None if clear else next(filter(_without_room, places), None)
         return disk_full(full) if full else None
     # A block that writes one thing has a better name for it than that of a temporary file.
     named = [] if len(places) == 1 else [*_named(cause)]
     written = (*named, *places) or (Path(),)
     on_one = len({_folder(path).stat().st_dev for path in (*written, *_named(cause))}) == 1
-    full = None if on_one else next(filter(_is_full, (*written, *_named(cause))), written[-1])
+    full = None if on_one else next(filter(_without_room, (*written, *_named(cause))), written[-1])
     return disk_full(full or written[0], cause.errno or errno.ENOSPC)
 
 
-def disk_full(path: Path, number: int = errno.ENOSPC) -> DiskFull:
-    """The error for a file or folder that could not be written. Call it before anything is removed:
-    it says what is free.
+def disk_full(path: Path, number: int | None = None) -> DiskFull:
+    """The error for a file or folder that could not be written, by the errno if it is known. Call
+    it before anything is removed: it says what is free.
     """
+    number = number or _without_room(path) or errno.ENOSPC
     folder = _folder(path)
     free, files = shutil.disk_usage(folder).free, os.statvfs(folder)
     more = " and no more files" if files.f_files and not files.f_favail else ""
     what = f"no space left to write {path}{_WHY[number]}: {folder} has"
-    return DiskFull(f"{what} {free / 1e6:,.1f} MB{more} free", hint=FULL_HINT)
+    hint = LIMIT_HINT if number == errno.EFBIG else FULL_HINT
+    return DiskFull(f"{what} {free / 1e6:,.1f} MB{more} free", hint=hint)
 
 
 def _system_error(error: BaseException | None) -> OSError | None:
@@ -107,15 +110,18 @@ def _named(error: OSError | None) -> Iterator[Path]:
         yield Path(os.fsdecode(error.filename))
 
 
-def _is_full(path: Path) -> bool:
-    """Whether the file system has no room for another file, as a full disk, a quota, the limit of a
-    file's size and a lack of inodes all show.
+def _without_room(path: Path) -> int | None:
+    """Why the file system has no room for another file, as an errno: a full disk, also without
+    inodes, a quota, or the limit of a file's size; None where it has.
     """
+    left = _LEAST_ROOM
     try:
         with tempfile.TemporaryFile(dir=_folder(path), buffering=0) as file:
-            return (file.write(bytes(_LEAST_ROOM)) or 0) < _LEAST_ROOM
+            while left:  # the part that still fits is written first
+                left -= file.write(bytes(left)) or 0
     except OSError as error:
-        return error.errno in _WHY
+        return error.errno if error.errno in _WHY else None
+    return None
 
 
 def _folder(path: Path) -> Path:

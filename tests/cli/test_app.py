@@ -12,6 +12,7 @@ import pytest
 
 from kb.cli import main
 from kb.cli.app import TREE, leaves
+from tests.cli.conftest import clean_environment
 
 # What may be imported before a command runs: a budget in modules, as a time would depend on the
 # machine.
@@ -153,3 +154,26 @@ def test_bash_completes_commands_options_and_values(tmp_path: Path) -> None:
 
 
 SOURCES = ("youtube", "wiki", "reddit")
+
+
+@pytest.mark.parametrize(
+    "encoding",
+    [
+        {"PYTHONIOENCODING": "latin-1"},
+        {"PYTHONIOENCODING": "ascii"},
+        {"PYTHONUTF8": "0", "LC_ALL": "C"},
+        {"PYTHONIOENCODING": "utf-8"},
+    ],
+    ids=lambda encoding: " ".join(encoding.values()),
+)
+def test_output_that_the_encoding_lacks_is_escaped_as_in_json(
+    encoding: dict[str, str], tmp_path: Path
+) -> None:
+    """The query itself comes in UTF-8 whatever the locale."""
+    sql = "SELECT 'ħ😀 knight' AS a"
+    words = [sys.executable, "-m", "kb", "query", sql, "--format", "ndjson"]
+    env = {**clean_environment(), **encoding}
+    done = subprocess.run(words, cwd=tmp_path, env=env, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert json.loads(done.stdout) == {"a": "ħ😀 knight"}
+    assert ("ħ😀".encode() in done.stdout) == (encoding == {"PYTHONIOENCODING": "utf-8"})

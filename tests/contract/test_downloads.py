@@ -3,6 +3,7 @@ is not there is never made by a command that needs one.
 """
 
 import hashlib
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 import kb
 from kb.cli.app import leaves
 from kb.core.errors import UsageError
+from kb.core.sources import SOURCES
 from kb.report import build as report_build
 from tests import inprocess, processes
 from tests.cli.conftest import clean_environment
@@ -152,9 +154,48 @@ def test_a_command_that_reads_leaves_a_download_as_it_is(
             shutil.rmtree(tmp_path / "out", ignore_errors=True)
             done = typed(name, *where, "--data", data, cwd=cwd)
             assert "unexpected" not in done.err
+            assert refusing_a_download(done) == []
             if where:
                 assert (done.code, (tmp_path / "out").is_dir()) == (0, True), done.err
                 assert typed(name, "--data", data, cwd=place).code == 2  # the default is here
+
+
+@pytest.mark.usefixtures("unchanged")
+def test_what_a_download_lacks_is_not_asked_of_commands_that_refuse_it(
+    above: Path, typed: Any, tmp_path: Path
+) -> None:
+    """`kb restore` brings it back, from the download that it names."""
+    out = tmp_path / "out"
+    exports = [f"{s} export --format {f}" for s in SOURCES for f in ("text", "minedojo")]
+    pairs = (
+        "pairs draw",
+        "pairs draw --aligned",
+        "pairs draw --release",
+        "clips",
+        "clips --aligned",
+    )
+    labels = ("label export", "label export --aligned")
+    for line in (*exports, *pairs, *labels):
+        words, more = line.partition(" --")[0], line.split()[2:]
+        if words == "clips":
+            more = line.split()[1:]
+        done = typed(words, *more, "--out", str(out), "--data", str(above / "tasks"))
+        assert (done.code in (1, 2), out.exists()) == (True, False), done
+        assert "unexpected" not in done.err
+        assert refusing_a_download(done) == []
+        assert f"`kb restore {above / 'tasks'}`" in done.said or "--release" in more
+    done = typed("youtube export", "--format", "text", "--out", str(out), "--data", str(above))
+    assert (done.code, out.exists()) == (1, False)
+    assert "has no content of youtube/transcripts; a download" in done.said
+    done = typed("search", "--data", str(above / "tasks"))
+    assert f"`kb restore {above / 'tasks'}` brings back" in done.said
+
+
+def refusing_a_download(done: Done) -> list[str]:
+    """The commands in messages that a download would refuse."""
+    named = re.findall(r"`kb ([a-z- ]+)", done.out + done.err)
+    refusing = {*WRITING, *MAKING} - {"demo", "restore"}
+    return [words for words in named if refusing & {words.strip(), " ".join(words.split()[:2])}]
 
 
 @pytest.mark.parametrize("name", SERVING)

@@ -15,9 +15,11 @@ from tokenizers import Tokenizer, models, pre_tokenizers, processors, trainers
 from kb.artifacts import freshness
 from kb.artifacts.makers import make_artifact
 from kb.core.errors import FatalError, SettingError
+from kb.core.sources import SOURCES
 from kb.export import text
 from kb.export.contacts import replaced
 from kb.export.text import TextOptions, TextPiece
+from kb.registry import SOURCES as CLASSES
 from kb.schema.tables import table
 from kb.store.tables.shard_writer import write_table
 from kb.youtube.text import paragraphs
@@ -145,10 +147,23 @@ def test_videos_pages_and_threads_are_read_as_data_sets(tmp_path: Path, run_at: 
 def test_nothing_to_export_is_an_empty_file(tmp_path: Path, run_at: Any) -> None:
     with pytest.raises(FatalError, match="nothing to export"):
         export(run_at(tmp_path), "reddit", "text")
-    empty = table("reddit/posts").arrow().empty_table()
-    write_table(tmp_path / "clean/reddit/posts/part-00000.parquet", empty, "reddit/posts")
+    for name in ("reddit/posts", "reddit/comments"):
+        empty = table(name).arrow().empty_table()
+        write_table(tmp_path / f"clean/{name}/part-00000.parquet", empty, name)
     made = export(run_at(tmp_path), "reddit", "text")
     assert (made["documents"], (tmp_path / "export/text/reddit.jsonl").read_bytes()) == (0, b"")
+
+
+@pytest.mark.parametrize("name", [f"{s}/{t}" for s in SOURCES for t in SOURCES[s].textual])
+def test_without_one_of_the_tables_of_its_texts_nothing_is_written(
+    name: str, tmp_path: Path, make_rows: Any, run_at: Any, fill: Any
+) -> None:
+    source = name.partition("/")[0]
+    for other in {f"{source}/{short}" for short in SOURCES[source].textual} - {name}:
+        fill(tmp_path / "data", other, make_rows(other, 1), 1)
+    with pytest.raises(FatalError, match=f"has no content of {name}$"):
+        CLASSES[source].writers()["text"](run_at(tmp_path / "data"), out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_chunks_begin_at_headings_and_hold_no_more_than_asked(tmp_path: Path) -> None:

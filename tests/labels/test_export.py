@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import freshness, manifest
@@ -18,6 +20,7 @@ from kb.labels.export import CONFIG, README, TASKS, export
 from kb.labels.questions import KINDS, PAIRS, UNSURE, YES
 from kb.query import connect, select
 from kb.release.metadata.quality import judgements
+from kb.schema.tables import table
 from kb.store.tables.shard_writer import write_table
 from tests.inprocess import Here
 from tests.labels.answers import exported, items, judgement
@@ -115,6 +118,32 @@ def test_other_folders_are_not_replaced(judged: Run, tmp_path: Path, here: Here)
     assert (tmp_path / "mine" / "README.md").read_text() == "mine"
     assert here(*words, "--out", str(tmp_path / "mine" / "new")).code == 0
     assert here(*words, "--out", str(tmp_path / "mine" / "new"), "--seed", "1").code == 0
+
+
+@pytest.mark.parametrize("kind", ["pairs", "tasks"])
+def test_an_empty_project_is_not_written(
+    kind: str, judged: Run, root: Path, here: Here, tmp_path: Path
+) -> None:
+    inputs = manifest.inputs(root, kind)
+    settings = freshness.settings(replace(judged, root=root), kind)
+    with manifest.replacing(root, kind, inputs=inputs, settings=settings) as fresh:
+        empty = table(f"{kind}/{kind}").arrow().empty_table()
+        write_table(fresh.folder / f"{kind}-00000-of-00001.parquet", empty, f"{kind}/{kind}")
+    words = ("label", "export", kind, "--data", str(root), "--out", str(tmp_path / "out"))
+    done = here(*words)
+    assert (done.code, (tmp_path / "out").exists()) == (1, False)
+    assert f"there are no {kind} to judge" in done.said
+
+
+def test_pairs_of_another_data_root_make_no_project(
+    judged: Run, here: Here, tmp_path: Path
+) -> None:
+    pq.write_table(pa.table({"pair_id": ["ab" * 8]}), tmp_path / "pairs.parquet")
+    words = ("label", "export", "pairs", "--data", str(judged.root))
+    more = ("--pairs", str(tmp_path / "pairs.parquet"), "--out", str(tmp_path / "out"))
+    done = here(*words, *more)
+    assert (done.code, (tmp_path / "out").exists()) == (1, False)
+    assert "there are no pairs to judge" in done.said
 
 
 @pytest.fixture

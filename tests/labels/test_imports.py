@@ -184,6 +184,7 @@ def test_an_odd_judgement_keeps_no_other_from_being_taken(root: Path, here: Here
         '[{"item_id": "a", "kind": "pair", "visible": "yes"}]',  # JSON-MIN
         '[{"data": {"text": "another project"}, "annotations": []}]',
         '[{"data": {"item_id": "a", "kind": "pot", "video_id": "b"}, "annotations": []}]',
+        '[{"data": {"item_id": "a", "kind": "pair", "video_id": "b"}}]',  # what was judged
     ],
 )
 def test_a_file_that_is_no_export_loses_nothing(root: Path, here: Here, text: str) -> None:
@@ -198,6 +199,15 @@ def test_a_file_that_is_no_export_loses_nothing(root: Path, here: Here, text: st
     assert "bad.json is not an export" in done.said
     assert done.err.count("\n") == 1
     assert (_bytes(root), read_measures(root / "pairs")) == before
+
+
+def test_an_export_with_a_byte_order_mark_is_read(root: Path, here: Here) -> None:
+    one, *_ = items(root.parent / "project")
+    file = exported(root.parent / "e.json", [(one, [judgement(1, visible="yes")])])
+    text = json.dumps(json.loads(file.read_text()), indent=1)
+    file.write_text(text, encoding="utf-8-sig", newline="\r\n")
+    done = here("label", "import", str(file), "--data", str(root), "--json")
+    assert (done.code, json.loads(done.out.splitlines()[-1])["labels"]) == (0, 1)
 
 
 def test_cohens_kappa_of_a_known_table() -> None:

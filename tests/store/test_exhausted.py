@@ -94,8 +94,9 @@ def test_a_library_that_may_write_no_large_file(library: str, tmp_path: Path) ->
     assert signal.getsignal(signal.SIGXFSZ) == signal.SIG_IGN
     resource.setrlimit(resource.RLIMIT_FSIZE, (2_000, before[1]))
     try:
-        with pytest.raises(DiskFull):
+        with pytest.raises(DiskFull, match="the limit for the size of a file") as caught:
             WRITERS[library](tmp_path)
+        assert "ulimit" in caught.value.hint
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     WRITERS[library](tmp_path)

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from kb.cli.framework.messages import advice
 from kb.core.config.addresses import is_loopback
 from kb.core.config.pipeline import own
 from kb.core.config.profile import load_profile, shipped_names
@@ -127,7 +128,7 @@ def keyword_hits(run: Run) -> tuple[list[dict[str, Any]], list[Finding]]:
     try:
         lines = list(keyword_lines(run, _EXAMPLES, rare=True))
     except (FatalError, MissingExtra) as error:
-        return [], [Finding(NOTE, "keywords", 0, "", f"not tried: {error}", error.hint)]
+        return [], [Finding(NOTE, "keywords", 0, "", f"not tried: {error}", advice(error.hint))]
     rows = [line._asdict() for line in lines]
     unused = [line.keyword for line in lines if not line.matches]
     if not unused:

@@ -167,16 +167,17 @@ def _views_at(place: str) -> Sequence[View]:
 
 def _read(sql: str | None, file: Path | None) -> str:
     """The query as typed, or from the file or standard input. Raises UsageError."""
-    if sql is not None and sql != "-":
-        return sql
     try:
+        if sql is not None and sql != "-":  # where the locale is C, bytes of UTF-8 come singly
+            return sql.encode("utf-8", "surrogateescape").decode()
         if file is None or str(file) == "-":
             return sys.stdin.buffer.read().decode("utf-8-sig")
         return read_regular(file).decode("utf-8-sig")
     except OSError as error:
         raise UsageError(f"--file {file}: {error.strerror}", hint="check the name") from None
     except UnicodeDecodeError:
-        raise UsageError(f"{file or 'standard input'} is not UTF-8 text") from None
+        what = "standard input" if file is None and sql in (None, "-") else file or "the query"
+        raise UsageError(f"{what} is not UTF-8 text") from None
 
 
 def _listing(views: list[ViewInfo], *, one_name: bool) -> pa.RecordBatchReader:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from kb.cli.framework.command import DumpsCommand, command, group
-from kb.cli.framework.messages import show_list
+from kb.cli.framework.messages import show, show_list
 from kb.cli.framework.options import (
     CLUSTER,
     Dumps,
@@ -152,7 +152,7 @@ def youtube_import(
     with importing(run, given, "reddit", partial(holds_dump, root=run.root)):
         summary = import_folders(run, folders or (), own_transcripts or ())
     for line in unfilled_columns(summary):
-        typer.echo(line)
+        show(line)
     return summary
 
 

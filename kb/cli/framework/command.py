@@ -103,6 +103,7 @@ class Group(_Sections, typer.core.TyperGroup):
     def run_as(self, command: Any) -> None:
         """Do what `command` does when none of the group's commands is named."""
         self.function, self.params, self.epilog = command.function, command.params, command.epilog
+        self.data_use = command.data_use
         self.callback = lambda **values: command.callback(**values) if values else 0
         self.invoke_without_command = True
 
@@ -217,7 +218,7 @@ def command(
             for name in SHARED
             if name in used or (name in COMMON and name not in without)
         ]
-        made.function = function
+        made.function, made.data_use = function, data
         made.callback = partial(_call, function, raw, resumable, data, planned, checks, recorded)
         if main:
             app.run_as(made)
@@ -248,7 +249,7 @@ def _call(
     for name, value in values.items():  # what may be repeated; what is not given, is None
         if isinstance(value, (list, tuple)):
             values[name] = list(value) or None
-    messages.set_options(options.data, options.profile)
+    messages.set_options(options.data, options.profile, data_folder(options.data))
     RUNS.clear()
     name, start, began = _names[-1], clock.now(), clock.monotonic()
     try:

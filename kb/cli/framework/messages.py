@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from kb.core import terminal
-from kb.core.errors import Stopped
+from kb.core.errors import KbError, Stopped
 from kb.core.progress import note_event
 from kb.net import redact
 
@@ -28,7 +28,9 @@ if TYPE_CHECKING:  # `kb --help` loads this module
 _COMMAND = re.compile(r"`kb ([^`]+)`")
 # These commands have a data root of their own, or name their profile themselves.
 _NOT_COMPLETED = ("demo", "sandbox", "profile")
+RESTORE = "a download stays as it is; `kb restore` brings its texts back, into a data root"
 _options: dict[str, str] = {}
+_roots: list[Path] = []  # the data root of the command that runs now
 _finders: list[Callable[[Sequence[str]], Any | None]] = []
 
 
@@ -42,8 +44,9 @@ def find_command(words: Sequence[str]) -> Any | None:
     return next((finder(words) for finder in _finders), None)
 
 
-def set_options(data: object = None, profile: str | None = None) -> None:
-    """Remember --data and --profile of the command that runs now."""
+def set_options(data: object = None, profile: str | None = None, root: Path | None = None) -> None:
+    """Remember --data and --profile of the command that runs now, and its data root."""
+    _roots[:] = [root] if root else []
     options = {"--data": data, "--profile": profile}
     _options.clear()
     _options.update({name: str(value) for name, value in options.items() if value is not None})
@@ -61,6 +64,8 @@ def with_options(text: str) -> str:
 def complete(words: str) -> str:
     """A command line ("pairs --limit 3") with its `kb`, --data and --profile."""
     first = words.split()
+    if first == ["restore"] and (place := _download()):
+        return f"kb restore {shlex.quote(place)}"
     command = find_command(first) if _options else None
     if command is None or first[0] in _NOT_COMPLETED or "--help" in first:
         return f"kb {words}"
@@ -73,9 +78,27 @@ def complete(words: str) -> str:
     return " ".join([f"kb {words}", *missing])
 
 
+def advice(hint: str) -> str:
+    """A hint that can be followed: of a download none that names a command which refuses one."""
+    commands = (find_command(words.split()) for words in _COMMAND.findall(hint))
+    writes = any(getattr(command, "data_use", "") in ("writes", "makes") for command in commands)
+    return RESTORE if writes and "`kb restore`" not in hint and _download() else hint
+
+
+def _download() -> str:
+    """The download that this command reads, "" where it reads none."""
+    from kb.artifacts.table_catalog import Catalog
+
+    try:
+        downloads = (str(root) for root in _roots if Catalog(root.absolute()).is_download)
+        return next(downloads, "")
+    except (KbError, OSError):  # which is no reason to fail at a message
+        return ""
+
+
 def fail(message: str, *, hint: str = "") -> None:
     """One line on stderr about what ended the command."""
-    text = " ".join(message.split()) + (f"; {hint}" if hint else "")
+    text = " ".join(message.split()) + (f"; {advice(hint)}" if hint else "")
     note_event(text, logging.ERROR)
     _to_stderr(f"kb: {text}")
 

@@ -280,8 +280,13 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
 
 def _variables(dotenv: bool) -> dict[str, str | None]:
     """What `.env` and the environment, which wins, set, by names in lower case."""
-    there = dotenv_values(".env") if dotenv and Path(".env").is_file() else {}
+    there = _dotenv(interpolate=True) if dotenv and Path(".env").is_file() else {}
     return {name.lower(): value for name, value in (*there.items(), *os.environ.items())}
+
+
+def _dotenv(*, interpolate: bool) -> dict[str, str | None]:
+    """The values of `.env`; an editor's mark at the beginning is no part of the first name."""
+    return dotenv_values(".env", interpolate=interpolate, encoding="utf-8-sig")
 
 
 def unknown_names(*, dotenv: bool = True) -> list[str]:
@@ -292,7 +297,7 @@ def unknown_names(*, dotenv: bool = True) -> list[str]:
     """
     lines = []
     if dotenv and Path(".env").is_file():
-        lines += _lines(".env", dotenv_values(".env", interpolate=False), _OURS)
+        lines += _lines(".env", _dotenv(interpolate=False), _OURS)
     return lines + _lines("the environment", os.environ, ("KB_",))
 
 

@@ -36,20 +36,21 @@ UNFINISHED, OTHER_FILES, OTHER_SUBTITLES = "unfinished_downloads", "other_files"
 WITHOUT_LANGUAGE = "without_language"  # subtitles, by a name that tells no language
 VIDEO_ID = re.compile(r"[A-Za-z0-9_-]{11}")
 
+_ANY_NAME = re.IGNORECASE | re.DOTALL  # names of files may hold line breaks
 # Behind the language YouTube's id of a track with a name may stand.
 _SUBTITLES = re.compile(
     r"(?P<stem>.+)\.(?P<language>[a-z]{2,3}(?:-[a-z0-9_-]+|_[a-z]{2}|_[a-z]{4})?|[a-z]{4,})"
     r"\.(?P<format>vtt|srv3|json3|srt)",
-    re.IGNORECASE,
+    _ANY_NAME,
 )
-_UNFINISHED = re.compile(r"\.(?:part|ytdl|part-Frag\d+|temp|temp\.[a-z0-9]+)$")
+_UNFINISHED = re.compile(r"\.(?:part|ytdl|part-Frag\d+|temp|temp\.[a-z0-9]+)\Z")
 _MEDIA = re.compile(
     r".+\.(?:3gp|aac|avi|flac|flv|gif|jpe?g|m4[av]|mhtml|mk[av]|mov|mp[34]|og[gv]|opus|png|ts|wav"
     r"|web[amp])",
-    re.IGNORECASE,
+    _ANY_NAME,
 )
-_READ = re.compile(r".+\.(?:json3|srt|srv3|vtt)", re.IGNORECASE)
-_TEXT_TRACKS = re.compile(r".+\.(?:ass|lrc|sbv|srt|srv[123]|ttml|vtt|json3)", re.IGNORECASE)
+_READ = re.compile(r".+\.(?:json3|srt|srv3|vtt)", _ANY_NAME)
+_TEXT_TRACKS = re.compile(r".+\.(?:ass|lrc|sbv|srt|srv[123]|ttml|vtt|json3)", _ANY_NAME)
 
 
 class SubtitleName(NamedTuple):
@@ -182,7 +183,7 @@ def read(data: bytes) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """The videos and the playlists of YouTube in a file, as raw answers keep them; none in one of
     another site.
 
-    Raises ValueError for what is no JSON object, or cut off.
+    Raises ValueError for what is no JSON object, cut off, or of YouTube with neither in it.
     """
     record = json_value(text_of(data))
     if not isinstance(record, dict):
@@ -190,15 +191,26 @@ def read(data: bytes) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     videos: list[dict[str, Any]] = []
     playlists: list[dict[str, Any]] = []
     _collect(record, videos, playlists)
+    if not (videos or playlists) and _site(record) and _is_youtube(record):
+        raise ValueError("no video of YouTube by its id and title, and no playlist")
     return videos, playlists
+
+
+def _site(record: dict[str, Any]) -> str:
+    """The program's name of the site, "" where it is not known."""
+    return str(record.get("extractor_key") or record.get("ie_key") or record.get("extractor") or "")
+
+
+def _is_youtube(record: dict[str, Any]) -> bool:
+    """Whether the site is YouTube, or not known."""
+    return not (site := _site(record)) or site.lower().startswith("youtube")
 
 
 def _collect(
     record: dict[str, Any], videos: list[dict[str, Any]], playlists: list[dict[str, Any]]
 ) -> None:
     kind = record.get("_type") or "video"
-    site = record.get("extractor_key") or record.get("ie_key") or record.get("extractor")
-    if site is not None and not str(site).lower().startswith("youtube"):
+    if not _is_youtube(record):
         return
     if kind in ("playlist", "multi_video"):
         given = record.get("entries")

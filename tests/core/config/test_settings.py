@@ -8,7 +8,11 @@ from kb.net.session import HttpSession
 
 
 def test_the_environment_wins_over_the_file(empty_place, monkeypatch):
-    (empty_place / ".env").write_text("YOUTUBE_API_KEY=from-file\nKB_CONTACT=me@example.org\n")
+    (empty_place / ".env").write_text(
+        "YOUTUBE_API_KEY=from-file\nKB_CONTACT=me@example.org\n",
+        encoding="utf-8-sig",
+        newline="\r\n",
+    )
     monkeypatch.setenv("YOUTUBE_API_KEY", "from-environment")
     settings = load_settings()
     assert (settings.need("youtube_api_key"), settings.kb_contact) == (

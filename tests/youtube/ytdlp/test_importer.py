@@ -102,6 +102,45 @@ def test_what_cannot_be_used_is_counted_by_reason_and_never_fatal(job: Job) -> N
     assert "made_for_kids (all)" in lines
 
 
+def test_a_name_with_a_line_break_is_read_and_shown_in_one_line(job: Job) -> None:
+    folder, key = job.place / "videos", video_id(1)
+    folder.mkdir()
+    for name, content in {
+        f"two\nlines [{key}].info.json": json.dumps(info(key)),
+        f"two\nlines [{key}].en.vtt": vtt(spoken("a b"), automatic=True),
+        f"two\nlines [{key}].mkv": "x",
+        f"two\nlines [{key}].ass": "1",
+        f"two\nlines [{key}].vtt": "1",
+        f"two\nlines [{key}].mp4.part": "x",
+        "mp4.part\n": "x",
+        f"two\nlines-{video_id(2)}.en.vtt": vtt(spoken("c d"), automatic=True),
+    }.items():
+        (folder / name).write_text(content)
+    summary = job.done("youtube", "import", str(folder))
+    assert (summary["crawled"], summary["subtitles"]) == (1, 2)
+    assert summary["left_out_by"] == {
+        "other_files": 1,
+        "other_subtitles": 1,
+        "unfinished_downloads": 1,
+        "without_language": 1,
+    }
+    lines = job.kb("youtube", "import", str(folder), "--data", str(job.place / "b")).stdout
+    assert f"  other subtitles: two\\nlines [{key}].ass" in lines.splitlines()
+
+
+@pytest.mark.parametrize("changes", [{"id": "wrongid"}, {"id": None}, {"title": ...}])
+def test_a_damaged_file_of_youtube_is_not_of_another_site(
+    job: Job, changes: dict[str, Any]
+) -> None:
+    folder = job.place / "videos"
+    write_video(folder, 1)
+    record = {**info(video_id(2), extractor="youtube", extractor_key="Youtube"), **changes}
+    record = {name: value for name, value in record.items() if value is not ...}
+    (folder / "two.info.json").write_text(json.dumps(record))
+    summary = job.done("youtube", "import", str(folder))
+    assert (summary["crawled"], summary["left_out_by"]) == (1, {"broken_info": 1})
+
+
 def test_linked_folders_are_entered_and_links_that_lead_back_are_left_out(job: Job) -> None:
     folder, disk, back = job.place / "videos", job.place / "disk", job.place / "videos/back"
     write_video(folder, 1)
