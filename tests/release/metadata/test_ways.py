@@ -70,6 +70,10 @@ def released_from(
             row |= {"fetched_at": EARLY if from_file else START}
         made = pa.Table.from_pylist([filled(tracks, row) for row in of], tracks.arrow())
         write_table(Layout(root).table(tracks.name) / "part-00000.parquet", made, tracks)
+    for name in ("playlists", "playlist_videos") if source == "youtube" else ():  # of which
+        none = table(f"youtube/{name}")  # nothing came
+        path = Layout(root).table(none.name) / "part-00000.parquet"
+        write_table(path, none.arrow().empty_table(), none)
     for kind in raw:
         segment = Layout(root).raw(source, kind) / "20261101T000000Z-0001.ndjson.zst"
         segment.parent.mkdir(parents=True, exist_ok=True)
@@ -124,6 +128,9 @@ IMPORTED = ("ytdlp_info", "ytdlp_subtitles")
 def test_videos(tmp_path: Path, raw: tuple[str, ...], own: int, said: set[str]) -> None:
     found = released_from(tmp_path, "youtube", raw, own, FILE)
     assert_said(found, said)
+    for source in ("youtube", "pairs"):
+        card = (tmp_path / "release" / source / "README.md").read_text()
+        assert re.search(r"^\| Read from the source \| 2026-", card, re.MULTILINE), source
     collection = {one for one in said if one not in (TERMS, LARGE, DELETED)}
     for name, text in texts(tmp_path, "pairs").items():  # how its videos came to be
         assert [one for one in collection if one not in text] == [], name
