@@ -309,6 +309,7 @@ def _steps_due(run: Run, asked: list[str]) -> dict[str, list[str]]:
     Raises SettingError, FatalError without any, MissingCredential.
     """
     from kb.crawl.job import IMPORTED
+    from kb.crawl.session import replay_unread_answers
     from kb.registry import SOURCES as CLASSES
     from kb.store.layout import Layout
     from kb.store.tables import reading
@@ -319,6 +320,7 @@ def _steps_due(run: Run, asked: list[str]) -> dict[str, list[str]]:
         )
     steps = {}
     for name in SOURCES:
+        replay_unread_answers(run, name, CLASSES[name].connector)
         if not (state := Layout(run.root).state(name)).is_file():
             continue
         with reading.state(state) as frontier:
