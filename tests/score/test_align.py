@@ -119,6 +119,12 @@ def test_aligned_times_are_derived_again_with_pairs_and_films(world: AlignmentWo
     for words in (("pairs", "--again"), ("pairs", "align"), ("pairs", "align", "--model", "small")):
         assert world.kb(*words).code == 0
         assert path.read_bytes() == whole
+    measures = world.root / "pairs" / "measures.json"
+    noted = measures.read_bytes()
+    for folder in ("pairs", "films"):
+        shutil.rmtree(world.root / folder)
+    assert world.kb("pairs").code == 0
+    assert (path.read_bytes(), measures.read_bytes()) == (whole, noted)
     first, second, *_ = sorted(world.mentions)
     known = vectors_of(world.root, first, "small@0")
     keep_vectors(world.root, first, "small@0", Vectors("film", known.frames, {}))
@@ -129,7 +135,7 @@ def test_aligned_times_are_derived_again_with_pairs_and_films(world: AlignmentWo
     assert {row["video_id"] for row in rows if row["alignable"] is None} == {first}
     noted = json.loads((world.root / "pairs" / "measures.json").read_bytes())["alignment"]
     assert noted["unknown"] == sum(row["alignable"] is None for row in rows) > 0
-    # Pairs by other rules are other pairs, which nobody has aligned.
+    # Pairs by other rules are other pairs, of whose texts no vector is stored.
     profile = world.path / "profile.toml"
     text = profile.read_text()
     try:
