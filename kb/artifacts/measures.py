@@ -18,7 +18,7 @@ from kb.core.summary import share_of
 from kb.store.atomic import write_bytes
 from kb.store.damage import read_note
 from kb.store.layout import Layout
-from kb.store.lock import writer
+from kb.store.lock import taking
 from kb.store.tables import database
 from kb.store.tables.reading import scan
 
@@ -43,10 +43,9 @@ def write_measure(root: Path, name: str, section: dict[str, Any]) -> Path:
 
     Raises FatalError without pairs, WriterLocked, DamagedData, DiskFull.
     """
-    folder = Layout(root).pairs
-    with writer(root, "pairs"):
+    with taking(root, "pairs"):
         check_pairs(root)
-        before = read_measures(folder)
+        before = read_measures(folder := Layout(root).pairs)
         sections = {key: kept for key, kept in before.items() if key != name}
         sections |= {name: section} if section else {}
         if sections != before:

@@ -60,7 +60,7 @@ from kb.score.pair_scores import Row, needed_ticks, scores_of
 from kb.store.atomic import write_bytes
 from kb.store.damage import read_note
 from kb.store.layout import Layout
-from kb.store.lock import writer
+from kb.store.lock import taking
 from kb.store.tables import parquet
 from kb.store.tables.shard_writer import write_table
 
@@ -121,7 +121,7 @@ def score(
     spent = np.zeros(2)  # seconds of models, and of all passes
     with (
         selected(run, folders, chosen, _COLUMNS) as (found, videos, rows),
-        writer(run.root, "pairs"),
+        taking(run.root, "pairs"),
         run.progress.task("pairs score", total=len(videos), unit="videos") as task,
         executor_of_tasks(run, len(videos), run.root, [*folders, path]) as executor,
     ):
@@ -282,7 +282,7 @@ def put_back(run: Run) -> None:
     Opens no film. Raises WriterLocked, DamagedData, DiskFull.
     """
     at, name = Layout(run.root), chosen_model(run.root, SECTION)
-    with writer(run.root, "pairs"):
+    with taking(run.root, "pairs"):
         write_figures(run)
     if not name:
         return
@@ -295,7 +295,7 @@ def put_back(run: Run) -> None:
             video = own[0]["video_id"]
             if known[video].pairs.items() <= _digests(own).items():
                 scored_rows.append(_rows(video, name, known[video]))
-    with writer(run.root, "pairs"):
+    with taking(run.root, "pairs"):
         _write(run, name, scored_rows)
     if lost := before - sum(map(len, scored_rows)):
         run.progress.say(

@@ -44,7 +44,7 @@ from kb.score.film_store import (
 from kb.score.visual_duplicates import CLIP, visual_duplicates
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST
 from kb.store.layout import Layout
-from kb.store.lock import writer
+from kb.store.lock import taking
 from kb.store.tables import database
 from kb.store.tables.reading import scan
 from kb.store.tables.shard_writer import write_table
@@ -102,7 +102,7 @@ def align(run: Run, model: str = "", *, fit: bool = False) -> Summary:
     freshness.refuse(run, "pairs")
     name = stored_model(run.root, model)
     curve = _fitted(run, name) if fit else None
-    with writer(run.root, "pairs"):
+    with taking(run.root, "pairs"):
         write_figures(run, name)
         section = measures.read_measures(Layout(run.root).pairs)[alignment.SECTION]
     with database.connect(run.root) as con:

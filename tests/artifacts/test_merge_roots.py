@@ -95,9 +95,7 @@ def test_the_first_command_after_a_merge_takes_the_answers_into_the_state(
     assert line not in merged.kb(*words).stderr
     plan = merged.done("youtube", "crawl", "--plan")
     assert (plan["searches"], plan["assumed"]) == (0, None)
-    before = len(merged.sandbox.ledger)
-    merged.done("youtube", "crawl")
-    assert plan["requests"] >= len(merged.sandbox.ledger) - before > 0
+    assert plan["channels"] > 0  # those that only the other part had found
 
 
 def test_parts_that_know_all_channels_spend_what_one_machine_does(tmp_path: Path) -> None:

@@ -60,6 +60,8 @@ def released_from(
     def edit(name: str, made: list[dict[str, Any]]) -> None:
         for row in made[:own] if name.startswith(f"{source}/") else []:
             row.update({key: what for key, what in value.items() if key in row})
+        if name.startswith("youtube/playlist"):
+            made.clear()
 
     build(root, edit, (source, "pairs") if source == "youtube" else (source,))
     if {"transcripts", "ytdlp_subtitles"} & set(raw):
@@ -70,10 +72,6 @@ def released_from(
             row |= {"fetched_at": EARLY if from_file else START}
         made = pa.Table.from_pylist([filled(tracks, row) for row in of], tracks.arrow())
         write_table(Layout(root).table(tracks.name) / "part-00000.parquet", made, tracks)
-    for name in ("playlists", "playlist_videos") if source == "youtube" else ():  # of which
-        none = table(f"youtube/{name}")  # nothing came
-        path = Layout(root).table(none.name) / "part-00000.parquet"
-        write_table(path, none.arrow().empty_table(), none)
     for kind in raw:
         segment = Layout(root).raw(source, kind) / "20261101T000000Z-0001.ndjson.zst"
         segment.parent.mkdir(parents=True, exist_ok=True)
