@@ -14,7 +14,7 @@ which of a video's overlapping clips are kept.
 
 from typing import Any
 
-from kb.artifacts.measures import FILE, check_pairs, write_measure
+from kb.artifacts.measures import check_pairs, write_measure
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
@@ -24,7 +24,6 @@ from kb.pairs.build import build, required_keywords
 from kb.pairs.measures import VideoSample
 from kb.registry import PUBLISHED
 from kb.score.build import put_back
-from kb.store.layout import Layout
 from kb.store.tables.columns import word_count
 from kb.youtube.crawl.second_tracks import (
     fetch_second_tracks,
@@ -45,7 +44,8 @@ def tables(run: Run) -> Summary:
     """Make the pairs; those that were scored keep their scores."""
     made = build(run)
     put_back(run)
-    _measure_second_tracks(run)
+    heard = _heard(run) if has_second_tracks(run.root) else {}
+    write_measure(run.root, measures.NAME, heard)
     measure_labels(run)
     return made
 
@@ -62,27 +62,24 @@ def measure(run: Run, size: int) -> Summary:
     """
     sample = _sample(run, size)
     fetched = fetch_second_tracks(run, sample.ids)
-    section = _measure_second_tracks(run)
+    section = _heard(run)
+    path = write_measure(run.root, measures.NAME, section)
     return Summary(
         fetched,
         videos_with_both_tracks=sample.out_of,
         videos_compared=section["videos_compared"],
         speech_recognition=section,
-        path=str(Layout(run.root).pairs / FILE),
+        path=str(path),
     )
 
 
-def _measure_second_tracks(run: Run) -> dict[str, Any]:
-    """Write what all second tracks that are there say of the pairs; {} without any."""
-    section: dict[str, Any] = {}
-    if has_second_tracks(run.root):
-        every = _sample(run)
-        left = set(not_fetched(run.root, every.ids))
-        sample = every._replace(ids=[video for video in every.ids if video not in left])
-        tracks = second_tracks(run.root, sample.ids, word_count)
-        section = measures.measured(run.root, tracks, required_keywords(run), sample, run.seed)
-    write_measure(run.root, measures.NAME, section)
-    return section
+def _heard(run: Run) -> dict[str, Any]:
+    """What all second tracks that are there say of the pairs."""
+    every = _sample(run)
+    left = set(not_fetched(run.root, every.ids))
+    sample = every._replace(ids=[video for video in every.ids if video not in left])
+    tracks = second_tracks(run.root, sample.ids, word_count)
+    return measures.measured(run.root, tracks, required_keywords(run), sample, run.seed)
 
 
 def plan_measure(run: Run, size: int) -> Summary:
