@@ -14,7 +14,7 @@ import hashlib
 import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,8 @@ from kb.artifacts import index, manifest
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.table_catalog import Catalog
 from kb.artifacts.texts import exported_files
+from kb.core.cached_property import cached_property
 from kb.core.config.pipeline import digests
-from kb.core.config.profile import Profile
 from kb.core.config.section import read_text
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, SettingError
@@ -57,45 +57,65 @@ Reasons = dict[str, list[str]]
 """Of artifacts, in the order in which they are made."""
 
 
-def settings(run: Run, name: str) -> dict[str, Any]:
+class Now:
+    """What the artifacts of a run are made of as it is now: read once for all of them."""
+
+    def __init__(self, run: Run) -> None:
+        self._profile = run.profile
+        self.catalog = Catalog(run.root.absolute())
+        self.texts = cache(self.catalog.texts)
+        self.exported = cache(partial(exported_files, self.catalog))
+
+    def values(self, parts: Sequence[str], others: Sequence[str] = ()) -> dict[str, Any]:
+        """The values of these parts of the profile but for the others, and its keywords."""
+        values = {
+            key: value
+            for key, value in self._values.items()
+            if _is_in(key, parts) and not _is_in(key, others) and not key.endswith(".pipeline")
+        }
+        return values | (self._keywords if "keywords" in parts or "" in parts else {})
+
+    @cached_property
+    def _values(self) -> dict[str, Any]:
+        data = self._profile.model_dump(mode="json")
+        for name in SOURCES:
+            if words := getattr(getattr(self._profile, name), "words", ()):
+                data[name]["topic_keywords"] = list(words)
+        return dict(_flat(data, ""))
+
+    @cached_property
+    def _keywords(self) -> dict[str, str]:
+        files = self._profile.pairs.keyword_files if self._profile.pairs else ()
+        return {file: _lines(self._profile.resolve_file(file)) for file in files}
+
+
+def settings(run: Run, name: str, now: Now | None = None) -> dict[str, Any]:
     """The values that decide an artifact's content, by their keys in the profile; of a keyword
     file, digests of its lines; of its recipe and of the columns of its tables, a digest.
     """
     artifact = ARTIFACTS[name]
-    values = _values(run.profile, artifact.settings, artifact.other_settings)
+    values = (now or Now(run)).values(artifact.settings, artifact.other_settings)
     for made in artifact.tables:  # a table that has other columns now is made again
-        columns = str(table(made).arrow()).encode()
-        values[f"schemas/{made}"] = hashlib.sha256(columns).hexdigest()[:12]
+        values[f"schemas/{made}"] = _columns(made)
     if artifact.maker is not None:
         values |= digests(run.profile, artifact.maker.recipe)
     return values
 
 
-def _settings_now(run: Run, name: str, made: Manifest) -> dict[str, Any]:
+@cache
+def _columns(name: str) -> str:
+    return hashlib.sha256(str(table(name).arrow()).encode()).hexdigest()[:12]
+
+
+def _settings_now(run: Run, name: str, made: Manifest, now: Now) -> dict[str, Any]:
     """The same with the model whose scores count now: of another model that is not installed the
     stored scores are used as they are.
     """
-    values, source = settings(run, name), name.removeprefix("clean/")
+    values, source = settings(run, name, now), name.removeprefix("clean/")
     if source != name and run.profile.toxicity.on and MODEL in made.settings:
         used = str(made.settings[MODEL])
         same = used.startswith(f"{run.settings.kb_toxicity_model}@")
         values[MODEL] = used if same else installed(run.settings) or used
-    return values
-
-
-def _values(profile: Profile, parts: Sequence[str], others: Sequence[str] = ()) -> dict[str, Any]:
-    data = profile.model_dump(mode="json")
-    for name in SOURCES:
-        if words := getattr(getattr(profile, name), "words", ()):
-            data[name]["topic_keywords"] = list(words)
-    values = {
-        key: value
-        for key, value in _flat(data, "")
-        if _is_in(key, parts) and not _is_in(key, others) and not key.endswith(".pipeline")
-    }
-    if "keywords" in parts or "" in parts:
-        for file in profile.pairs.keyword_files if profile.pairs else ():
-            values[file] = _lines(profile.resolve_file(file))
     return values
 
 
@@ -122,18 +142,16 @@ def _lines(path: Path) -> str:
     return " ".join(hashlib.sha256(line.encode()).hexdigest()[:12] for line in kept)
 
 
-def reasons(
-    run: Run, name: str, stale: Collection[str] = (), catalog: Catalog | None = None
-) -> list[str]:
+def reasons(run: Run, name: str, stale: Collection[str] = (), now: Now | None = None) -> list[str]:
     """Why an artifact has to be made again, [] where it is current. Of its inputs those in `stale`
-    count as changed. `catalog` is that of the root, where it was read already. Raises DamagedData.
+    count as changed. `now` is what was read for others of the run. Raises DamagedData.
     """
+    now = now or Now(run)
     if name == RELEASE:
-        return _release_reasons(run, stale)
+        return _release_reasons(run, stale, now)
     artifact, root = ARTIFACTS[name], run.root
-    catalog = catalog or Catalog(root.absolute())
     source = name.removeprefix("index/")
-    place = index.home(root, source) if source != name else catalog.workplace
+    place = index.home(root, source) if source != name else now.catalog.workplace
     made = manifest.read_manifest(place, name)
     if name == "release/open-text" and not run.profile.release.open_text:
         return ["release.open_text true → false"] if made or artifact.folder(root).exists() else []
@@ -145,14 +163,14 @@ def reasons(
     if not made.figures.get("complete", True):
         why.append("not finished")
     reads_texts = source != name or name == "links"
-    find = catalog.texts if reads_texts else partial(exported_files, catalog)
+    find = now.texts if reads_texts else now.exported
     for above in artifact.inputs:
         known = made.inputs.get(above)
         if above in stale:
             why.append(above)
         elif known not in (PURGED, manifest.input_digest(root, name, above, find)):
             why.append("/".join(above.split("/")[:2]))
-    changed = changes(made, _settings_now(run, name, made))
+    changed = changes(made, _settings_now(run, name, made, now))
     recipe = _unrecorded(made) if artifact.maker is not None else []
     return [*dict.fromkeys(why), *recipe, *changed]
 
@@ -208,14 +226,14 @@ def _short(text: str) -> str:
 
 def note_described(run: Run, names: Iterable[str]) -> None:
     """Record what the descriptions of these release folders were made of. Raises DiskFull."""
-    made, now = manifest.read_manifest(run.root, RELEASE), _release_settings(run)
+    made, now = manifest.read_manifest(run.root, RELEASE), _release_settings(run, Now(run))
     kept = made.inputs if made is not None and made.settings == now else {}
     inputs = kept | {f"release/{name}": _described_input(run.root, name) for name in names}
     place = ARTIFACTS[RELEASE].manifest(run.root)
     manifest.write_manifest(place, Manifest(RELEASE, "kb release", "", inputs, now, 1))
 
 
-def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
+def _release_reasons(run: Run, stale: Collection[str], now: Now) -> list[str]:
     made = manifest.read_manifest(run.root, RELEASE)
     if made is None:
         return [NEVER_MADE]
@@ -230,12 +248,12 @@ def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
             and made.inputs.get(folder) != _described_input(run.root, name)
         )
     ]
-    return [*why, *_unrecorded(made), *changes(made, _release_settings(run))]
+    return [*why, *_unrecorded(made), *changes(made, _release_settings(run, now))]
 
 
-def _release_settings(run: Run) -> dict[str, Any]:
+def _release_settings(run: Run, now: Now) -> dict[str, Any]:
     texts_ = run.profile.path.read_bytes() if run.profile.path.is_file() else b""
-    values = _values(run.profile, ("",))
+    values = now.values(("",))
     made_with = {
         "lorecrawl": __version__,
         "lock file": (lock_digest() or "")[:12],
@@ -338,9 +356,9 @@ def plan(run: Run, names: Iterable[str]) -> Reasons:
     Raises DamagedData.
     """
     stale: Reasons = {}
-    catalog = Catalog(run.root.absolute())
+    now = Now(run)
     for name in names:
-        if why := reasons(run, name, stale, catalog):
+        if why := reasons(run, name, stale, now):
             stale[name] = why
     return stale
 

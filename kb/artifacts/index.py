@@ -41,14 +41,17 @@ def known(root: Path, source: str) -> manifest.Manifest | None:
     return manifest.read_manifest(home(root, source), f"index/{source}")
 
 
-def is_current(root: Path, source: str) -> bool:
-    """Whether the index was made from the texts that are there now. Raises DamagedData."""
-    return _is_current(Catalog(root.absolute()), home(root, source), source)
+def is_current(root: Path, source: str, catalog: Catalog | None = None) -> bool:
+    """Whether the index was made from the texts that are there now; `catalog` is that of the root,
+    where it was read already. Raises DamagedData.
+    """
+    return _is_current(catalog or Catalog(root.absolute()), home(root, source), source)
 
 
 def _is_current(catalog: Catalog, place: Path, source: str) -> bool:
     made = manifest.read_manifest(place, f"index/{source}")
-    return made is not None and made.inputs == texts.inputs(catalog.path, f"index/{source}")
+    name = f"index/{source}"
+    return made is not None and made.inputs == texts.inputs(catalog.path, name, catalog)
 
 
 def remove(root: Path, source: str) -> None:

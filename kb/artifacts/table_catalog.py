@@ -82,7 +82,7 @@ class Catalog:
 
     path: Path
 
-    @property
+    @cached_property
     def is_download(self) -> bool:
         """Whether this is a release, or a reconstruction's `--out`, and not a data root: nothing
         may be written into it.
@@ -150,6 +150,16 @@ class Catalog:
 
         Raises DamagedData for lost clean files: they are never taken for none.
         """
+        if source not in self._schemas:
+            self._schemas[source] = self._find_schema(source)
+        return self._schemas[source]
+
+    @cached_property
+    def _schemas(self) -> dict[str, str]:
+        """What `schema_of` has answered: it is asked for each table of a source."""
+        return {}
+
+    def _find_schema(self, source: str) -> str:
         shorts = [*SOURCES[source].tables] if source in SOURCES else _main_tables(source)
         names = {(view.schema, view.name) for view in self.views}
         for schema in CONTENT:

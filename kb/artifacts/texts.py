@@ -11,12 +11,13 @@ from kb.artifacts.table_catalog import Catalog
 from kb.store.artifact_registry import ARTIFACTS
 
 
-def files(root: Path, name: str) -> dict[str, list[Path]]:
+def files(root: Path, name: str, catalog: Catalog | None = None) -> dict[str, list[Path]]:
     """The files of each table that an artifact reads, in order; tables without files are left out.
+    `catalog` is that of the root, where it was read already.
 
     Raises DamagedData for a lost file.
     """
-    catalog = Catalog(root.absolute())
+    catalog = catalog or Catalog(root.absolute())
     texts = {table: catalog.texts(table) for table in ARTIFACTS[name].reads}
     return {table: paths for table, paths in texts.items() if paths}
 
@@ -37,9 +38,11 @@ def exported_files(catalog: Catalog, name: str) -> list[Path]:
     return manifest.rows(catalog.path, name)
 
 
-def inputs(root: Path, name: str) -> dict[str, str]:
-    """The digests of an artifact's inputs as they are now. Raises DamagedData for a lost file."""
-    return manifest.inputs(root, name, Catalog(root.absolute()).texts)
+def inputs(root: Path, name: str, catalog: Catalog | None = None) -> dict[str, str]:
+    """The digests of an artifact's inputs as they are now; `catalog` as in `files`. Raises
+    DamagedData for a lost file.
+    """
+    return manifest.inputs(root, name, (catalog or Catalog(root.absolute())).texts)
 
 
 def changed(root: Path, name: str) -> list[str]:

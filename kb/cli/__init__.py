@@ -1,11 +1,13 @@
 """The `kb` command: thin files over the rooms, nothing heavy until a command runs."""
 
 import contextlib
+import os
 import signal
 import sys
 
 from kb.core.errors import KbError
 from kb.core.signals import BOTH, ended_in_time, handling, leave
+from kb.core.startup import collect_seldom
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -14,6 +16,9 @@ def main(arguments: list[str] | None = None) -> None:
     Until a command takes signals itself, nothing was sent or written: one ends the program at once,
     with exit code 3.
     """
+    collect_seldom()
+    # Plug-ins of pydantic are not asked for: they are looked for in every installed package.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     ours = [
         number
         for number in BOTH

@@ -5,10 +5,9 @@ and `deu` are `de`, `cmn` and `zh-Hant` are Chinese. The package langcodes knows
 import re
 from functools import cache
 
-import langcodes
-from langcodes.registry_parser import parse_registry
-from langcodes.tag_parser import LanguageTagError
+from kb.core.installation import langcodes
 
+_ENGLISH = "en"  # known without the package, which takes 0.06 s to import
 _NONE = ("mis", "mul", "und", "zxx")  # ISO 639's codes of no, several or an unknown language
 
 
@@ -17,7 +16,7 @@ def tag(code: str) -> str:
     """The one tag (BCP 47) of a language with its script and region: `he-IL` of `iw_IL`, `de` of
     `ger`. What is no tag stays as it is.
     """
-    if not langcodes.tag_is_valid(code):
+    if code == _ENGLISH or not langcodes.tag_is_valid(code):
         return code
     # langcodes keeps the older code of Bokmål.
     return re.sub(r"^no\b", "nb", langcodes.standardize_tag(code, macro=True))
@@ -36,14 +35,15 @@ def is_same_language(code: str, other: str) -> bool:
 
 def is_language(code: str) -> bool:
     """Whether a code names one language that is known."""
-    return langcodes.tag_is_valid(code) and primary_language(code) not in _NONE
+    is_valid = code == _ENGLISH or langcodes.tag_is_valid(code)
+    return is_valid and primary_language(code) not in _NONE
 
 
 def three_letters(code: str) -> str | None:
     """ISO 639-2's terminological code of a language, `deu` of `de`; None for what has none."""
     try:
         return langcodes.Language.get(primary_language(code)).to_alpha3()
-    except (LookupError, LanguageTagError):
+    except (LookupError, ValueError):
         return None
 
 
@@ -58,7 +58,7 @@ def _by_name() -> dict[str, str]:
     The first of a name counts: those of two letters come first.
     """
     names: dict[str, str] = {}
-    for entry in parse_registry():  # type: ignore[no-untyped-call]
+    for entry in langcodes.registry_parser.parse_registry():  # type: ignore[no-untyped-call]
         if entry["Type"] == "language":
             for name in entry["Description"]:
                 plain = re.sub(r"\s*\(.*\)", "", name).removeprefix("Modern ").lower()

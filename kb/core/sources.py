@@ -297,6 +297,15 @@ class SourceDeclaration(Publication, frozen=True, kw_only=True):
                 at = at.removeprefix(prefix)
         return key, at
 
+    def with_prefixes(self, key: str, at: str) -> tuple[str, str]:
+        """A key and a position so that `without_prefixes` gives them: with the prefix where they
+        begin as if they had it.
+        """
+        prefixes = {table: prefix for table, prefix in self.tables.items() if prefix}
+        own = prefixes.pop(self.main, "")
+        other = next(filter(at.startswith, prefixes.values()), "")
+        return (f"{own}{key}" if own and key.startswith(own) else key), f"{other}{at}"
+
     def url_of(self, key: str) -> str:
         """The URL of an item at the service; "" where the key alone does not give one."""
         return self.address.format(key=key)

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
+from urllib.parse import quote
 
 import requests
 
@@ -38,7 +39,6 @@ from kb.store.tables import reading
 
 REFRESHED = "refreshed"  # the cursor with the time of the newest refresh
 PART, ELSEWHERE = "part", "other_part"  # the cursor with the last run's share; of another's
-FIRST = "1"  # the page that a list begins with
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,12 +50,13 @@ class ListPhase(Phase):
 
     table      the table whose keys its items are
     path       below the service's address: "/questions", "/questions/{keys}/answers"
-    split      what stands between keys
+    split      what stands between keys; a key that has it is asked for alone
     entries    where the entries stand in an answer
     key        where an entry has the key that it was asked for by: one without an entry is gone
     adds       kinds that the entries add items to, and where an entry has their key
     following  what says that the list goes on: true, the next page's number, or a cursor
     page       the parameter that asks for a page or takes the cursor
+    first      the first page; "" where a list begins without the parameter, as with cursors
     params     further parameters
     """
 
@@ -67,6 +68,7 @@ class ListPhase(Phase):
     adds: Mapping[str, str] = field(default_factory=dict)
     following: str = "has_more"
     page: str = "page"
+    first: str = "1"
     params: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -83,7 +85,7 @@ class ListPhase(Phase):
         """What asks for the page after this one; "" after the last."""
         following = inner(response, *self.following.split("."))
         if following is True:
-            return str(int(page) + 1)
+            return str(int(page or 1) + 1)
         return str(following) if following else ""
 
 
@@ -98,6 +100,26 @@ def named(entries: Sequence[Any], at: str, prefix: str = "") -> list[str]:
     """The keys that entries have at a path, each once."""
     keys = (inner(entry, *at.split(".")) for entry in entries)
     return list(dict.fromkeys(f"{prefix}{key}" for key in keys if isinstance(key, (str, int))))
+
+
+def _asked_together(keys: Sequence[str], phase: ListPhase) -> Iterator[list[str]]:
+    """The keys of each request: all at once, but for those that `split` would take apart."""
+    if whole := [key for key in keys if phase.split not in key]:
+        yield whole
+    yield from ([key] for key in keys if phase.split in key)
+
+
+def _noted(keys: Sequence[str], phase: ListPhase) -> str | list[str]:
+    """What an answer keeps of the keys that it was asked for; `_keys_of` reads it."""
+    joined = phase.split.join(keys)
+    return joined if list(keys) == _keys_of(joined, phase) else list(keys)
+
+
+def _keys_of(noted: str | list[str], phase: ListPhase) -> list[str]:
+    """The keys that an answer was asked for."""
+    if isinstance(noted, list):
+        return noted
+    return noted.split(phase.split) if phase.batch > 1 else [noted]
 
 
 class JsonLists(Connector):
@@ -166,8 +188,8 @@ class JsonLists(Connector):
         for phase in self._of_kind.values():
             if not phase.keyed and self._known is None:
                 if self._run.again:
-                    frontier.replace(phase.kind, [FIRST])
-                frontier.add_keys(phase.kind, [FIRST])
+                    frontier.replace(phase.kind, [phase.first])
+                frontier.add_keys(phase.kind, [phase.first])
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
         """Keys that were purged or are another part's."""
@@ -183,22 +205,26 @@ class JsonLists(Connector):
         get = partial(self.service.get, endpoint=asked.path, service=phase.service)
         if not asked.keyed:
             (item,) = items
-            params = {**asked.params, asked.page: item.key}
+            params = {**asked.params, **({asked.page: item.key} if item.key else {})}
             yield Answer(phase.kind, asked.path, params, get(asked.path, params))
             return
-        bare = (item.key.removeprefix(self._prefix(phase.kind)) for item in items)
-        keys, page = asked.split.join(bare), FIRST
-        while page:
-            params = {**asked.params, **({asked.page: page} if page != FIRST else {})}
-            try:
-                response = get(asked.path.format(keys=keys), params)
-            except ItemFinal as fact:
-                if len(items) == 1:
-                    raise
-                raise Retryable(str(fact)) from None  # of which of them, each by itself will say
-            page = asked.next_page(page, response)
-            noted = {**params, "keys": keys}
-            yield Answer(phase.kind, asked.path, noted, response, complete=not page)
+        prefix = self._prefix(phase.kind)
+        for keys in _asked_together([item.key.removeprefix(prefix) for item in items], asked):
+            path = asked.path.format(keys=asked.split.join(quote(key, safe="") for key in keys))
+            noted = _noted(keys, asked)
+            page: str | None = None
+            while page != "":
+                params = {**asked.params, **({asked.page: page} if page else {})}
+                try:
+                    response = get(path, params)
+                except ItemFinal as fact:
+                    if len(items) == 1:
+                        raise
+                    raise Retryable(str(fact)) from None  # of which of them, each by itself says
+                page = asked.next_page(page or asked.first, response)
+                yield Answer(
+                    phase.kind, asked.path, {**params, "keys": noted}, response, complete=not page
+                )
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """What an answer lists, and which items it has answered."""
@@ -208,7 +234,7 @@ class JsonLists(Connector):
             return
         phase = self._of_kind[kind]
         entries = phase.listed(response)
-        page = params.get(phase.page, FIRST)
+        page = params.get(phase.page, phase.first)
         following = phase.next_page(page, response)
         with frontier.transaction():
             for other, at in phase.adds.items():
@@ -218,8 +244,8 @@ class JsonLists(Connector):
                 frontier.done(kind, page)
                 return
             prefix = self._prefix(kind)
-            keys = [f"{prefix}{key}" for key in params["keys"].split(phase.split)]
-            if page == FIRST:
+            keys = [f"{prefix}{key}" for key in _keys_of(params["keys"], phase)]
+            if page == phase.first:
                 frontier.add_keys(kind, keys)
                 frontier.mark(kind, keys, "in_progress")
             if not phase.key:

@@ -18,6 +18,7 @@ from kb.core.sources import SourceDeclaration
 from kb.crawl.connector import Connector, Opened
 from kb.crawl.id_list import IdRules, ListedId
 from kb.crawl.session import open_session
+from kb.schema import raw
 from kb.schema.tables import table
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog
@@ -93,21 +94,28 @@ def dry_purge(
 
 
 def ids_of(source: SourceDeclaration) -> IdRules:
-    """How ids are read for a source that has no rules of its own: as they are, those without the
-    prefix of a table as ids of the main one.
+    """How ids are read for a source that has no rules of its own: as they are, of the table whose
+    key column names them, else of the main one. Where the service's ids are numbers, one with the
+    prefix of a table is a key of it; where they are text, it may be an id that begins so.
     """
+    tables = {short: table(f"{source.name}/{short}") for short in source.tables}
+    prefixes = {tables[short].key[0]: prefix for short, prefix in source.tables.items()}
+    main = tables[source.main].key[0]
+    (key,) = (column for column in tables[source.main].columns if column.name == main)
+    schema = raw.at(f"{source.name}/{key.source.kind}", key.source.path) or {}
+    are_numbers = schema.get("type") == "integer"
 
     def key_of(entry: ListedId) -> str | None:
         text = str(entry.value or "")
-        if any(prefix and text.startswith(prefix) for prefix in source.tables.values()):
+        if are_numbers and text.startswith(tuple(filter(None, prefixes.values()))):
             return text
-        return f"{source.tables[source.main]}{text}" if text else None
+        return f"{prefixes.get(entry.column, prefixes[main])}{text}" if text else None
 
     return IdRules(
         option="--ids",
         noun=f"ids of {source.counted}",
         hint="write one a line",
-        columns=tuple(table(f"{source.name}/{short}").key[0] for short in source.tables),
+        columns=tuple(prefixes),
         tables=(tuple(source.tables),),
         parse=key_of,
     )

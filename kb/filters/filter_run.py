@@ -61,7 +61,7 @@ def run_clean(run: Run, source: str, *, restored: bool = False) -> Summary:
     job = _job(run, source, restored=restored)
     spec = spec_of(job)
     key = spec.scorer.model_key(run, source) if spec.scorer is not None else ""
-    _segments(run.root, spec)  # without any, nothing is written
+    _require_answers(run.root, spec)
     with domain_binding.writing(run, *of_clean(source)):
         raw = manifest.inputs(run.root, f"clean/{source}")
         quarantine.refuse_lost_answers(run.root, source)
@@ -103,7 +103,7 @@ def check_scorer(run: Run, source: str) -> None:
 def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
     """The texts that the toxicity stage of a source would look at, for `kb annotate`."""
     job = _job(run, source)
-    _segments(run.root, spec_of(job))
+    _require_answers(run.root, spec_of(job))
     with writer(run.root, source), _decoded(run, job) as decoded:
         yield from _texts(run, decoded)
 
@@ -171,7 +171,7 @@ class _Decoded(NamedTuple):
 def _decoded(run: Run, job: FilterJob) -> Iterator[_Decoded]:
     """Decode the raw answers into a temporary folder. Raises DamagedData."""
     spec = spec_of(job)
-    segments = _segments(run.root, spec)
+    segments = _require_answers(run.root, spec)
     size = sum(path.stat().st_size for _, path in segments)
     size += spec.raw.side_files.size(run.root) if spec.raw.side_files is not None else 0
     work = Layout(run.root).filtering(job.source)
@@ -185,7 +185,10 @@ def _decoded(run: Run, job: FilterJob) -> Iterator[_Decoded]:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
+def _require_answers(root: Path, spec: Clean) -> list[tuple[str, Path]]:
+    """The segments of raw answers, with the kind of each. Raises FatalError where there are none
+    that rows can be made of, or their authors were hashed with different keys.
+    """
     segments = [
         (kind, path) for kind in spec.raw.kinds for path in rawlog.segments(root, spec.source, kind)
     ]

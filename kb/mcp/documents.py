@@ -14,7 +14,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 from kb.artifacts import table_catalog
 from kb.core.errors import UsageError
@@ -36,9 +36,10 @@ class SourceLocation(NamedTuple):
 
     @property
     def ref(self) -> str:
-        """The reference, as `read` takes it."""
-        mark = SOURCES[self.source].mark if self.at else ""
-        return f"{self.source}:{self.key}{mark}{self.at}"
+        """The reference, as `read` takes it; the key as in an address, as it may be any text."""
+        source = SOURCES[self.source]
+        key, at = source.with_prefixes(self.key, self.at)
+        return f"{self.source}:{quote(key, safe='')}{source.mark if at else ''}{at}"
 
 
 def from_link(url: str) -> SourceLocation | None:
@@ -59,7 +60,7 @@ def parse_reference(given: str) -> SourceLocation:
     given = given.strip()
     if match := _REF.fullmatch(given):
         source = SOURCES[match[1]]
-        return SourceLocation(match[1], *source.without_prefixes(match[2], match[3] or ""))
+        return SourceLocation(match[1], *source.without_prefixes(unquote(match[2]), match[3] or ""))
     if known := from_link(given):
         return known
     refs = ", ".join(source.ref for source in SOURCES.values() if source.ref)

@@ -7,7 +7,7 @@ from urllib.parse import parse_qs, urlsplit
 from kb.core.context import Run
 from kb.core.search_hit import SearchHit
 from kb.core.sources import SOURCES
-from kb.mcp.documents import from_link
+from kb.mcp.documents import SourceLocation, from_link
 from kb.mcp.untrusted_text import AnswerPart, Fence, fit
 from kb.search.answers import search_as_meant
 from kb.search.build import ensure
@@ -70,5 +70,5 @@ def ref(hit: SearchHit) -> str:
     """The reference to an answer's place, for `read`."""
     known = from_link(hit.url)
     if known is None or known.source != hit.source:
-        return f"{hit.source}:{hit.key}"
+        return SourceLocation(hit.source, hit.key).ref
     return known.ref if SOURCES[hit.source].hosts else known._replace(key=hit.key).ref

@@ -5,6 +5,8 @@ Retryable    backoff with full jitter, or the service's own wish (Retry-After)
 others       leave at once: final for the item, stop the stage, or end the run
 """
 
+from __future__ import annotations
+
 import math
 import os
 from collections.abc import Callable
@@ -12,10 +14,9 @@ from datetime import UTC, datetime, timedelta
 from email.utils import parsedate_to_datetime
 from typing import TypeVar
 
-import tenacity
-
 from kb.core import clock
 from kb.core.errors import Blocked, Retryable, Unreachable
+from kb.core.installation import tenacity
 
 Note = Callable[..., None]
 """Notes what became of a request: (outcome, *, sent=True)."""

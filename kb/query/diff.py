@@ -23,7 +23,8 @@ from kb.artifacts.table_catalog import View, tombstones_view, view_name
 from kb.core.errors import UsageError
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.suggestions import similar
-from kb.query.remote_duckdb import RemoteFiles, reading_views
+from kb.query.remote_duckdb import RemoteFiles
+from kb.query.remote_reading import reading_views
 from kb.schema.tables import KEYED_HASHES, WHEN_READ, Table, table, tables, tables_of
 from kb.store.layout import VERDICTS
 from kb.store.tables import database

@@ -24,7 +24,7 @@ from kb.core.suggestions import did_you_mean, similar
 from kb.query import statements
 from kb.query.formats import as_csv
 from kb.query.limits import Limits, limited, restrict_process, timed_out
-from kb.query.remote_duckdb import reading_views
+from kb.query.remote_reading import reading_views
 from kb.query.views import connect, find_views
 from kb.schema.tables import tables
 from kb.store.artifact_registry import ARTIFACTS
@@ -44,7 +44,11 @@ _CODE = "import sys; sys.path.append(sys.argv[1]); from kb.query.execute import 
 
 
 def unknown_name(
-    con: duckdb.DuckDBPyConnection, sql: str, error: Exception, root: Path | None
+    con: duckdb.DuckDBPyConnection,
+    sql: str,
+    error: Exception,
+    root: Path | None,
+    views: Sequence[View],
 ) -> KbError | None:
     """The error for an unknown table or column; None for an error of another kind."""
     text = str(error)
@@ -53,7 +57,7 @@ def unknown_name(
         given = re.search(rf'"?\b(\w+)"?\s*\.\s*"?{re.escape(name)}\b', sql, re.IGNORECASE)
         if given and given[1].lower() in SCHEMAS:
             name = f"{given[1].lower()}.{name}"
-        return _table(con, name, text.splitlines()[0], root)
+        return _table(views, name, text.splitlines()[0], root)
     if missing := _COLUMN.search(text):
         columns = con.execute(
             "SELECT DISTINCT column_name FROM duckdb_columns() WHERE list_contains(?, table_name)",
@@ -64,17 +68,13 @@ def unknown_name(
     return None
 
 
-def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path | None) -> KbError:
-    views = con.execute(
-        "SELECT schema_name, view_name FROM duckdb_views() WHERE list_contains(?, schema_name)",
-        [list(SCHEMAS)],
-    ).fetchall()
+def _table(views: Sequence[View], name: str, message: str, root: Path | None) -> KbError:
     schema, _, short = name.rpartition(".")
-    full = [f"{group}.{view}" for group, view in views]
+    full = [view.full for view in views]
     if schema:
         near = [view for view in full if view.endswith(f".{short}")] or similar(name, full)
     else:
-        near = similar(name, {view for _, view in views})
+        near = similar(name, {view.name for view in views})
     message = message.partition(" because ")[0].rstrip("!")
     if not views:
         return empty((root or Path("data")).absolute())
@@ -133,7 +133,7 @@ def select(
             answer: Any = relation.query("answer", cast) if cast else relation
             reader = answer.to_arrow_reader(_BATCH)
     except (duckdb.CatalogException, duckdb.BinderException) as error:
-        if unknown := unknown_name(con, sql, error, root):
+        if unknown := unknown_name(con, sql, error, root, views):
             raise unknown from None
         raise _problem(error, views) from None
     except duckdb.Error as error:

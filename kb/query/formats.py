@@ -21,12 +21,12 @@ from typing import IO, Any
 
 import orjson
 import pyarrow as pa
-import pyarrow.compute as pc
 from pyarrow import types
 from rich.cells import cell_len, set_cell_size
 
 from kb.core import terminal
 from kb.core.errors import UsageError
+from kb.core.installation import pc
 from kb.query.statements import distinct
 from kb.store.atomic import writing
 from kb.store.tables import database, parquet

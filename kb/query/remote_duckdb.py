@@ -6,45 +6,18 @@ by the footers. It verifies no page; tables that `kb.load` reads through Arrow a
 
 from __future__ import annotations
 
-import contextlib
 import io
-import re
 import threading
-from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from typing import Any, BinaryIO
 
-import duckdb
 import pyarrow as pa
 from fsspec import AbstractFileSystem
 
-from kb.artifacts.table_catalog import View
 from kb.core.cached_property import cached_property
 from kb.core.errors import KbError
-from kb.store.damage import unreadable
+from kb.query.remote_reading import SCHEME
 from kb.store.tables.remote_files import RemoteFolder, reading_at
-
-SCHEME = "address"
-
-
-@contextlib.contextmanager
-def reading_views(views: Iterable[View]) -> Iterator[None]:
-    """Raises what went wrong with a file at an address, of which DuckDB keeps the text only."""
-    folders = [view.remote.folder for view in views if view.remote is not None]
-    for folder in folders:
-        folder.failures.clear()
-    try:
-        yield
-    except (duckdb.Error, pa.ArrowException, OSError) as error:
-        line = str(error).partition("\n")[0]
-        named = re.search(rf"{SCHEME}://\d+/([^'\"\s]+)", line)
-        for folder in folders:
-            if folder.failures:
-                raise folder.failures[0] from None
-            if named and named[1] in folder.sizes:
-                what = line.replace(named[0], named[1])
-                raise unreadable(f"{folder}/{named[1]}", what, "publish it again") from None
-        raise
 
 
 class RemoteFiles(AbstractFileSystem):  # type: ignore[misc]  # fsspec has no types

@@ -11,6 +11,8 @@ from kb.core.errors import UsageError
 
 # Ways to name a table other than by its name.
 _ANY = re.compile(r"\b(query|query_table|\w*parquet\w*|read_\w+|glob)\b|/|u&")
+# Ways to ask which tables there are.
+_CATALOG = re.compile(r"\b(show|desc|describe|information_schema|(duckdb|pg|pragma|sqlite)_\w+)\b")
 _READS = {"select", "from", "with", "values", "(", "pivot", "pivot_wider", "describe", "summarize"}
 # DuckDB's types that Arrow or Parquet lacks, or holds in a format of DuckDB's own.
 _NO_ARROW = {
@@ -53,6 +55,13 @@ def views_read(sql: str, views: Sequence[View]) -> list[View]:
         if view.schema in schemas or schemas - set(SCHEMAS):  # by its full or its bare name
             read.append(view)
     return read
+
+
+def views_needed(sql: str, views: Sequence[View]) -> list[View]:
+    """The views without which a query can't run: those that it may read; all of them if it may ask
+    which there are.
+    """
+    return list(views) if _CATALOG.search(sql.lower()) else views_read(sql, views)
 
 
 def require_query(con: duckdb.DuckDBPyConnection, sql: str) -> None:
@@ -99,10 +108,12 @@ def require_query(con: duckdb.DuckDBPyConnection, sql: str) -> None:
 def _refuse(con: duckdb.DuckDBPyConnection, sql: str) -> None:
     """Raise UsageError for functions and views that read anything but our views."""
     version = duckdb.__version__
-    forbidden, settings = _internal.get(version) or _internal.setdefault(
-        version, _internal_names(con)
-    )
     words = [word for _, word in _words(sql)]
+    forbidden = settings = frozenset[str]()
+    if "(" in words or not _SHOWS.isdisjoint(words):
+        forbidden, settings = _internal.get(version) or _internal.setdefault(
+            version, _internal_names(con)
+        )
     for word, after in zip(words, [*words[1:], ""], strict=True):
         setting = word in _SHOWS and after in settings
         if word in _SETTINGS or setting or (after == "(" and word in forbidden):

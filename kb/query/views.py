@@ -16,7 +16,7 @@ from kb.artifacts import manifest
 from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare
 from kb.query.limits import Limits
-from kb.query.remote_duckdb import RemoteFiles, reading_views
+from kb.query.remote_reading import reading_views
 from kb.store.damage import opening
 from kb.store.state.tombstones import PERSON
 from kb.store.tables import database, parquet
@@ -46,16 +46,16 @@ def connect(
 
     `views`: these (with absolute paths) instead of those of `root`. Without a `root`, and for a
     download, nothing is spilled to the folder. `limits`: of memory and spilling; the time limit is
-    up to `kb.query.limits.limited`. Raises DamagedData for a file that is not Parquet.
+    up to `kb.query.limits.limited`. Raises DamagedData for a file that is not Parquet, or that a
+    table of `root` lacks.
     """
     tables = Catalog(root.absolute()) if root else None
     con = _open(tables.spill if tables else None, limits)
+    if tables:
+        tables.require_tables()
     if views is None:
         views = tables.views if tables else []
-        if tables:
-            tables.require_tables()
-    system = RemoteFiles()
-    files = _make(con, views, system) | system.addresses
+    files = _make(con, views)
     # DuckDB checks the pattern, then the file.
     allowed = sorted(files | {escaped(file) for file in files})
     con.execute(f"SET allowed_paths = [{', '.join(map(text_literal, allowed))}]")
@@ -76,20 +76,15 @@ def _open(root: Path | None, limits: Limits | None) -> duckdb.DuckDBPyConnection
     return con
 
 
-def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteFiles) -> set[str]:
+def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View]) -> set[str]:
     """Create the views; bare names in the default schema, so that SHOW TABLES lists each once. The
-    paths that they read on this machine.
+    paths and addresses that they read.
     """
-    paths: set[str] = set()
     for schema in SCHEMAS:
         con.execute(f"CREATE SCHEMA {schema}")
-    if any(view.remote for view in views):
-        con.register_filesystem(system)
+    paths = _make_remote(con, [view for view in views if view.remote is not None])
     for view in views:
         if view.remote is not None:
-            files = [system.add_file(view.remote.folder, name) for name in view.remote.names]
-            with reading_views([view]):
-                con.execute(f"CREATE VIEW {view.full} AS FROM {scan(files)}")
             continue
         manifest.check_folder(view.files[0].parent)
         if view.files[0].suffix == ".ndjson":
@@ -104,6 +99,22 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteF
     for name, view in bare(views).items():
         con.execute(f"CREATE VIEW main.{name} AS FROM {view.full}")
     return paths
+
+
+def _make_remote(con: duckdb.DuckDBPyConnection, views: Sequence[View]) -> set[str]:
+    """Create the views of tables at addresses, which few commands read. The addresses."""
+    if not views:
+        return set()
+    from kb.query.remote_duckdb import RemoteFiles  # noqa: PLC0415  fsspec takes 0.05 s to import
+
+    system = RemoteFiles()
+    con.register_filesystem(system)
+    for view in views:
+        if view.remote is not None:
+            files = [system.add_file(view.remote.folder, name) for name in view.remote.names]
+            with reading_views([view]):
+                con.execute(f"CREATE VIEW {view.full} AS FROM {scan(files)}")
+    return system.addresses
 
 
 def catalog(views: Iterable[View]) -> list[ViewInfo]:

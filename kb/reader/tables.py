@@ -23,7 +23,7 @@ from kb.core.errors import FatalError, MissingExtra, UsageError
 from kb.core.installation import ds
 from kb.core.suggestions import did_you_mean, similar
 from kb.query.formats import as_box
-from kb.query.remote_duckdb import reading_views
+from kb.query.remote_reading import reading_views
 from kb.reader import html
 from kb.reader.hints import with_hints
 from kb.store.tables import parquet

@@ -216,7 +216,7 @@ def _fresh(run: Run, figures: bool) -> Iterator[Path]:
 
 
 def _report(run: Run, published: Mapping[str, Drawn], out: Path | None, with_all: bool) -> Summary:
-    with ReportData(run, clouds=with_all) as data:
+    with ReportData(run, clouds=with_all) as data, applied():
         there = [
             publication
             for publication in SHOWN
@@ -248,7 +248,8 @@ def _report(run: Run, published: Mapping[str, Drawn], out: Path | None, with_all
     if out is not None and place.exists() and not (place / PAGE).is_file():
         raise UsageError(f"--out {out} exists and is not a report", hint="name a new folder")
     suffixes = ("svg", "png", "pdf") if with_all else ("svg", "png")
-    with _fresh(run, with_all) if out is None else replacing_folder(place) as folder:
+    fresh = _fresh(run, with_all) if out is None else replacing_folder(place)
+    with fresh as folder, applied():
         for section in sections:
             for figure in section.figures:
                 for suffix in suffixes:
@@ -332,8 +333,7 @@ def _drawn(run: Run, data: ReportData, name: str, makers: Sequence[FigureMaker])
     with run.progress.task(f"report {name}", total=len(makers), unit="figures") as task:
         for make in makers:
             signals.stop.raise_if_asked()
-            with applied():
-                made = make(data, run.profile)
+            made = make(data, run.profile)
             if made is not None:
                 figures += made if isinstance(made, tuple) else (made,)
             task.advance()

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-import pyarrow.compute as pc
 
+from kb.core.installation import pc
 from kb.youtube.topic import whole_words
 
 # The head of "boat with chest" is "boat".

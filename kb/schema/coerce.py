@@ -17,11 +17,10 @@ from types import NoneType
 from typing import Any, TypeAlias
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.json as pa_json
 
 from kb.core import clock
-from kb.core.installation import np
+from kb.core.installation import np, pc
 from kb.schema.raw import types
 from kb.schema.tables import Type
 

@@ -10,8 +10,8 @@ from datetime import date
 from typing import Any, TypeAlias
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
+from kb.core.installation import pc
 from kb.schema.tables import Column, Table, Type
 
 Values: TypeAlias = "pa.Array[Any] | pa.ChunkedArray[Any]"

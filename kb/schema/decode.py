@@ -10,9 +10,9 @@ from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from kb.core.errors import DamagedData, SchemaMismatch
+from kb.core.installation import pc
 from kb.schema import raw
 from kb.schema.coerce import (
     UNHOLDABLE,

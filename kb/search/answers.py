@@ -152,14 +152,15 @@ def usable(root: Path, sources: Sequence[str]) -> list[str]:
 
     Raises NotIndexed for one whose index is not, and where there are no texts.
     """
-    with_rows = [source for source in sources if texts.files(root, f"index/{source}")]
+    catalog = Catalog(root.absolute())
+    with_rows = [source for source in sources if texts.files(root, f"index/{source}", catalog)]
     if not with_rows:
         raise NotIndexed(
             f"nothing to search: {root} has no texts of {' or '.join(sources)}",
             hint=f"`kb restore` brings back a release's texts; for a data root {NO_TABLES}",
         )
     for source in with_rows:
-        if not index.is_current(root, source):
+        if not index.is_current(root, source, catalog):
             raise NotIndexed(
                 f"the index of {source} is missing or out of date",
                 hint="run `kb index`",

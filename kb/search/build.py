@@ -90,9 +90,10 @@ def _passages(run: Run, source: str) -> int | None:
 
 def ensure(run: Run, sources: Sequence[str]) -> None:
     """Make the indexes of these sources that are missing or out of date. Raises as `index`."""
+    now = freshness.Now(run)
     for source in sources:
-        if not texts.files(run.root, f"index/{source}"):
+        if not texts.files(run.root, f"index/{source}", now.catalog):
             continue
-        if freshness.reasons(run, f"index/{source}"):
+        if freshness.reasons(run, f"index/{source}", now=now):
             run.progress.say(f"the index of {source} is missing or out of date; building it")
             make_artifact(run, f"index/{source}")

@@ -34,7 +34,7 @@ def coverage(root: Path) -> Coverage:
     for name, source in SOURCES.items():
         if not source.indexed or not catalog.schema_of(name):
             continue
-        there = texts.files(root, f"index/{name}")
+        there = texts.files(root, f"index/{name}", catalog)
         for short, what in (source.searched or {table: table for table in source.tables}).items():
             (covered if f"{name}/{short}" in there else lacking).append(what)
     return Coverage(covered, lacking)

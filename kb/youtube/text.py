@@ -9,9 +9,8 @@ from itertools import accumulate, pairwise
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
-from kb.core.installation import np
+from kb.core.installation import np, pc
 from kb.export.text import TextDocument, TextFiles, TextPiece
 from kb.store.tables import parquet
 

@@ -14,10 +14,9 @@ from functools import reduce
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from kb.core import scripts
-from kb.core.installation import np
+from kb.core.installation import np, pc
 from kb.filters.predicates import (
     PUBLIC,
     Judgement,

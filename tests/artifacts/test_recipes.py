@@ -95,6 +95,35 @@ def test_a_recipe_is_an_input(kb: Kb, profile: Path, root: Path, mark: Path) -> 
     assert dropped["clean/youtube"] == ["recipes/mine.py is not its recipe"]
 
 
+@pytest.mark.parametrize(
+    ("text", "code", "message"),
+    [
+        ("{}['x']", 2, "mine.py can't be loaded: KeyError: 'x'"),
+        ("raise SystemExit(3)", 2, "mine.py can't be loaded: SystemExit: 3"),
+        ("def clean(p):\n    return {}['x']", 1, "mine.py, line 2: KeyError: 'x'"),
+        ("def clean(p):\n    raise SystemExit(3)", 1, "mine.py, line 2: SystemExit: 3"),
+        (
+            (
+                "from dataclasses import replace\n"
+                "from kb.core.config.pipeline import Recipe\n"
+                "def clean(p):\n"
+                "    return replace(Recipe('youtube').defined('clean')(p), complete=count)\n"
+                "def count(tables):\n"
+                "    return {}['x']\n"
+            ),
+            1,
+            "mine.py, line 6: KeyError: 'x'",
+        ),
+    ],
+)
+def test_what_fails_in_a_recipe_is_its_line(
+    kb: Kb, profile: Path, text: str, code: int, message: str
+) -> None:
+    (profile.parent / "recipes" / "mine.py").write_text(text)
+    done = kb("youtube", "filter", "--workers", "2", "--profile", profile)
+    assert (done.code, message in done.said) == (code, True), done.err
+
+
 def test_what_ran_here_runs_again_until_it_is_another(
     kb: Kb, profile: Path, root: Path, mark: Path
 ) -> None:

@@ -5,9 +5,11 @@
     KB_BENCH_DEMO=data/demo …                            also the first commands on that data root
 
 CPU seconds are those of the process and its children beyond `python -c pass`; the least of five for
-commands that only read. Explore's figure is wall time, from its start to its first page.
+commands that only read. Explore's figure is wall time, from its start to its first page. The code
+is compiled before, as it is where it was installed or has run once.
 """
 
+import compileall
 import os
 import re
 import shutil
@@ -74,6 +76,8 @@ def first_page(code: Path, place: Path, data: str) -> float:
 def code(request: pytest.FixtureRequest) -> Path:
     """A checkout."""
     checkout: Path = request.param.resolve()
+    for folder in ("kb", "pipelines"):
+        assert compileall.compile_dir(checkout / folder, quiet=1)
     return checkout
 
 

@@ -18,7 +18,6 @@ from kb.cli.app import TREE, leaves
 NOT_FOR_HELP = (
     "rich",
     "pydantic",
-    "pydantic_settings",
     "pyarrow",
     "duckdb",
     "numpy",

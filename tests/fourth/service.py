@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, unquote, urlsplit
 
 KEY = "the-key-of-the-site"
 PAGE, MOST = 4, 20  # entries of a page, keys of a request
@@ -64,10 +64,46 @@ class Site:
         ]
 
 
+class TextSite(Site):
+    """The same with ids that are any text; its list of all questions goes on by a cursor."""
+
+    def __init__(self, ids: list[str]) -> None:
+        super().__init__(0)
+        self.ids: list[Any] = ids
+
+    def answer(self, address: str) -> tuple[int, Any]:
+        """Status and body."""
+        url = urlsplit(address)
+        query = {name: values[-1] for name, values in parse_qs(url.query).items()}
+        self.asked[url.path] += 1
+        if query.get("key") != KEY:
+            return 403, {"error": "a wrong key"}
+        parts = url.path.strip("/").split("/")
+        if not parts[1:]:
+            cursors = [None, *(f"after {key}" for key in self.ids[PAGE - 1 :: PAGE])]
+            if query.get("cursor") not in cursors:
+                return 400, {"error": "no such cursor"}
+            first = cursors.index(query.get("cursor")) * PAGE
+            entries = [self._question(key) for key in self.ids[first : first + PAGE]]
+            following = [*cursors, ""][cursors.index(query.get("cursor")) + 1]
+            return 200, {"items": entries, "next": following}
+        wanted = [unquote(part) for part in parts[1].split(";")]
+        there = [key for key in self.ids if key in wanted and key not in self.deleted]
+        make = self._answers if parts[2:] == ["answers"] else lambda key: [self._question(key)]
+        return 200, {"items": [entry for key in there for entry in make(key)], "next": ""}
+
+    def _question(self, key: Any) -> dict[str, Any]:
+        texts = {"title": f"How is {key} made?", "body": f"I have no idea how to make {key}."}
+        return {"question_id": key, "score": 1, "creation_date": 1_700_000_000, **texts}
+
+    def _answers(self, key: Any) -> list[dict[str, Any]]:
+        body = f"{key} needs a furnace."
+        return [{"answer_id": f"{key}, first", "question_id": key, "score": 1, "body": body}]
+
+
 @contextmanager
-def serving(questions: int) -> Iterator[Site]:
-    """The site with so many questions until the block ends."""
-    site = Site(questions)
+def serving(site: Site) -> Iterator[Site]:
+    """The site on loopback until the block ends."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:

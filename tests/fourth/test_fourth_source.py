@@ -131,7 +131,7 @@ Make = Callable[[int], Place]
 @pytest.fixture
 def place(tmp_path: Path, installed: Path) -> Iterator[Place]:
     """A place with a site of ten questions."""
-    with serving(10) as site:
+    with serving(Site(10)) as site:
         yield Place(tmp_path, installed, site)
 
 

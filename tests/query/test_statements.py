@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from kb import query
 from kb.core.errors import UsageError
+from kb.query.statements import views_needed
 from kb.store.tables.shard_writer import write_table
 from tests.query.conftest import rows
 
@@ -99,3 +101,30 @@ def test_nothing_but_reading_the_tables(root: Path, tmp_path: Path, sql: str, ma
 )
 def test_whatever_only_reads(root: Path, sql: str) -> None:
     assert rows(root, sql)
+
+
+@pytest.mark.parametrize(
+    ("sql", "named"),
+    [
+        ("SELECT 1", 0),
+        ("FROM clean.Pairs", 1),
+        ('FROM "release" . "reddit_posts" SELECT count(*)', 1),
+        ("WITH v AS (FROM youtube_videos) SELECT count(*) FROM v, clean . pairs", 3),
+        ("FROM memory.main.youtube_videos SELECT count(*)", 2),
+        ("PIVOT youtube_rejected ON stage USING count(*)", 1),
+        ("DESCRIBE pairs", None),
+        ("SHOW ALL TABLES", None),
+        ("SELECT table_name FROM information_schema.tables ORDER BY ALL", None),
+        ("SELECT view_name FROM duckdb_views() ORDER BY ALL", None),
+    ],
+)
+def test_a_query_answers_the_same_with_the_views_that_it_needs(
+    root: Path, sql: str, named: int | None
+) -> None:
+    """None: it asks which views there are, so it needs all of them."""
+    views = query.find_views(root)
+    needed = views_needed(sql, views)
+    assert len(needed) == (len(views) if named is None else named)
+    with query.connect(root, needed) as con:
+        answer = query.select(con, sql, root=root, views=views).read_all().to_pylist()
+    assert [tuple(row.values()) for row in answer] == rows(root, sql)

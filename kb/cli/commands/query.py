@@ -118,6 +118,7 @@ def query(
     from kb.query import catalog, connect, find_views, select
     from kb.query.formats import choose, write_answer
     from kb.query.limits import for_people, limited
+    from kb.query.statements import views_needed
 
     if [tables, sql is not None, file is not None].count(True) != 1:
         raise UsageError(
@@ -130,19 +131,17 @@ def query(
         sql = _read(sql, file)
     run = options.make_run(needs="root", addresses=True)
     address = table_catalog.address_of(run.settings.kb_data)
-    views = None
-    if address:
-        views = _views_at(address)
-    else:
+    views = _views_at(address) if address else find_views(run.root)
+    if not address:
         warn_stale(run)
-    if tables and views is None:
+    if tables and not address:
         table_catalog.read_catalog(run.root)
     limits = for_people(timeout)
     root = None if address else run.root
-    with contextlib.closing(connect(root, views, limits)) as db, limited(db, limits):
+    needed = views if tables else views_needed(sql or "", views)
+    with contextlib.closing(connect(root, needed, limits)) as db, limited(db, limits):
         if tables:
-            listed = catalog(find_views(run.root) if views is None else views)
-            answer = _listing(listed, one_name=chosen == OutputFormat.table)
+            answer = _listing(catalog(views), one_name=chosen == OutputFormat.table)
         else:
             answer = select(
                 db,

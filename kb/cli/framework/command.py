@@ -53,7 +53,7 @@ from kb.cli.framework.options import (
     shared_option,
 )
 from kb.cli.framework.run_trace import OWN, log_end, logging_of, record_run
-from kb.core import clock, signals, startup, terminal
+from kb.core import clock, signals, terminal
 from kb.core.errors import SettingError, UsageError
 from kb.core.installation import cache_root
 from kb.core.progress import EVENTS
@@ -242,7 +242,6 @@ def _call(
     """Run a command with the values of its own and the shared options; return the exit code. Its
     events go to the log, and its run leaves a record.
     """
-    startup.collect_seldom()
     needs = "profile" if "profile" in values else "nothing"
     shared = {name: values.pop(name) for name in SHARED if name in values}
     options = Options(**shared, use=use)
@@ -299,7 +298,7 @@ def _answer(
                 messages.show_summary(summary, options.json)
     except typer.Exit as done:
         return done.exit_code, summary or {}
-    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  everything ends here
+    except (Exception, KeyboardInterrupt, SystemExit) as error:  # noqa: BLE001  everything ends here
         code = report(
             error, debug=options.debug, as_json=options.json, places=_written(options.data)
         )

@@ -101,8 +101,12 @@ def describe(error: BaseException) -> tuple[str, str, int]:
     if isinstance(error, OSError) and error.filename is not None:
         hint = UNWRITABLE if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) else ""
         return f"{error.filename}: {error.strerror}{notes}", hint, 1
+    from kb.core.config.pipeline import own_place
+
     text = str(error).splitlines()[0] if str(error) else ""
-    message = f"unexpected {type(error).__name__}: {text}{notes}"
+    own = own_place(error)
+    where = f"the recipe {own}:" if own else "unexpected"
+    message = f"{where} {type(error).__name__}: {text}{notes}"
     return message, "run it again with --debug for the traceback", 1
 
 

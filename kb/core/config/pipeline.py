@@ -11,6 +11,8 @@ import ast
 import atexit
 import contextlib
 import hashlib
+import re
+import traceback
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -22,6 +24,8 @@ from kb.core.config.section import read_text
 from kb.core.errors import SettingError
 from kb.core.installation import folder, state_root
 from kb.core.sources import SOURCES
+
+_OWN: set[str] = set()  # paths of users' recipes that this process may have run
 
 
 def shipped(name: str) -> Path:
@@ -94,7 +98,17 @@ def own_text(profile: Profile, path: Path) -> str:
             f"the recipe {path} is code, which only runs where you name its profile",
             hint=f"read it; if you trust it, give --profile {profile.path}",
         )
+    _OWN.add(str(path))
     return text
+
+
+def own_place(error: BaseException) -> str:
+    """The line of a user's own recipe from which an error came, also in a worker process; "" for an
+    error from elsewhere.
+    """
+    lines = re.findall(r'File "(.+)", line (\d+)', "".join(traceback.format_exception(error)))
+    own_lines = [f"{path}, line {line}" for path, line in lines if path in _OWN]
+    return own_lines[-1] if own_lines else ""
 
 
 def remember(path: Path, text: str) -> None:
@@ -159,6 +173,9 @@ def _module(path: str, text: str) -> ModuleType:
         exec(compile(text, path, "exec"), module.__dict__)
     except (SyntaxError, ImportError) as error:
         raise SettingError(f"the recipe {path} can't be loaded: {error}") from error
+    except (Exception, SystemExit) as error:
+        what = f"{type(error).__name__}: {error}"
+        raise SettingError(f"the recipe {path} can't be loaded: {what}") from error
     return module
 
 

@@ -13,17 +13,14 @@ from typing import Any
 
 from dotenv import dotenv_values
 from pydantic import (
+    BaseModel,
+    ConfigDict,
     Field,
     SecretStr,
     ValidationError,
     ValidationInfo,
     create_model,
     field_validator,
-)
-from pydantic_settings import (
-    BaseSettings,
-    PydanticBaseSettingsSource,
-    SettingsConfigDict,
 )
 
 from kb.core import clock, terminal
@@ -54,13 +51,13 @@ _MAY_BE_EMPTY = (
 )
 
 
-class Settings(BaseSettings):
+class Settings(BaseModel):
     """Everything that is not about the domain.
 
     Field names are the variables' names in lower case.
     """
 
-    model_config = SettingsConfigDict(env_file=None, extra="ignore", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True)
 
     youtube_api_key: SecretStr | None = Field(None, description="YouTube Data API v3 key")
     reddit_client_id: SecretStr | None = Field(None, description="id of your own Reddit app")
@@ -110,18 +107,6 @@ class Settings(BaseSettings):
         description="fixed date for data and quota days, for tests",
         examples=["2026-11-20T12:00:00Z"],
     )
-
-    @classmethod
-    def settings_customise_sources(
-        cls,
-        settings_cls: type[BaseSettings],
-        init_settings: PydanticBaseSettingsSource,
-        env_settings: PydanticBaseSettingsSource,
-        dotenv_settings: PydanticBaseSettingsSource,
-        file_secret_settings: PydanticBaseSettingsSource,
-    ) -> tuple[PydanticBaseSettingsSource, ...]:
-        """The first that has a value wins."""
-        return init_settings, env_settings, dotenv_settings
 
     @field_validator("*", mode="before")
     @classmethod
@@ -263,11 +248,11 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
 
     Raises SettingError that names the variable and what is allowed, never the value of a secret.
     """
-    given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
+    given = {name: value for name, value in values.items() if value is not None}
     try:
         if dotenv and Path(".env").is_fifo():  # the library would wait for it
             check_regular(".env")
-        settings = DECLARED(_env_file=".env" if dotenv else None, **given)
+        settings = DECLARED.model_validate({**_variables(dotenv), **given})
     except ValidationError as error:
         wrong = []
         for detail in error.errors(include_url=False):
@@ -291,6 +276,12 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
         # The clock reads the environment, so that worker processes see the same date.
         os.environ["KB_NOW"] = settings.kb_now
     return settings
+
+
+def _variables(dotenv: bool) -> dict[str, str | None]:
+    """What `.env` and the environment, which wins, set, by names in lower case."""
+    there = dotenv_values(".env") if dotenv and Path(".env").is_file() else {}
+    return {name.lower(): value for name, value in (*there.items(), *os.environ.items())}
 
 
 def unknown_names(*, dotenv: bool = True) -> list[str]:

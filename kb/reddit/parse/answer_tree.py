@@ -43,8 +43,8 @@ def things(response: Any) -> Iterator[Thing]:
             stack.append(data.get("children"))
         elif kind in (POST, COMMENT, "more") and isinstance(data, dict):
             yield Thing(kind, data)
-            if kind == COMMENT:
-                stack.append(data.get("replies"))
+            if kind == COMMENT and (replies := data.get("replies")):
+                stack.append(replies)
         elif isinstance(value.get("json"), dict):
             inner = value["json"].get("data")
             stack.append(inner.get("things") if isinstance(inner, dict) else None)

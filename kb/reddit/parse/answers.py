@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterable, Iterator
 from functools import cache, partial
 from itertools import chain
-from typing import Any
+from typing import Any, TypedDict
 
 import msgspec
 import pyarrow as pa
@@ -62,6 +62,9 @@ def _rows_of(line: bytes, kind: str, reader: RecordReader) -> list[Row]:
     envelope = _decode(line)
     params, status = envelope["request"]["params"], envelope["status"]
     things = list(answer_tree.things(envelope["response"])) if status == 200 else []
+    if not all(isinstance(key := thing.data.get("id"), str) and key for thing in things):
+        # The key of a record without an id is made of everything in it.
+        things = list(answer_tree.things(_decode(line, whole=True)["response"]))
     post = str(params.get("article") or answer_tree.bare(params.get("link_id")))
     records: list[Row] = []
     for thing in things:
@@ -94,16 +97,70 @@ def _rows_of(line: bytes, kind: str, reader: RecordReader) -> list[Row]:
     return records
 
 
-def _decode(line: bytes) -> dict[str, Any]:
-    """The envelope of a line. Raises DamagedData."""
+def _decode(line: bytes, *, whole: bool = False) -> dict[str, Any]:
+    """The envelope of a line, with the fields of `_Node` alone unless it is wanted `whole` or has
+    another form. Raises DamagedData.
+    """
     try:
-        envelope = msgspec.json.decode(line)
+        envelope = (_WHOLE if whole else _DECODER).decode(line)
+    except msgspec.ValidationError:
+        return _decode(line, whole=True)
     except (msgspec.DecodeError, UnicodeDecodeError):
         try:
             envelope = holdable(json.loads(line))  # lone surrogates, which Arrow can't hold
         except ValueError as error:
             raise DamagedData(f"a raw line is not a valid envelope: {error}") from None
     return dict(envelope)
+
+
+class _Node(TypedDict, total=False):
+    """What is read of an object of an answer, a listing or a record; the rest is passed over."""
+
+    # How answers are nested (answer_tree)
+    kind: Any
+    data: _Node
+    children: list[_Node | str]
+    replies: _Node | str | None
+    json: _Node
+    things: list[_Node]
+    # A record (records, removal)
+    id: Any
+    link_id: Any
+    parent_id: Any
+    title: Any
+    selftext: Any
+    body: Any
+    author: Any
+    score: Any
+    created_utc: Any
+    num_comments: Any
+    upvote_ratio: Any
+    over_18: Any
+    url: Any
+    url_overridden_by_dest: Any
+    permalink: Any
+    is_self: Any
+    is_video: Any
+    is_gallery: Any
+    gallery_data: Any
+    poll_data: Any
+    crosspost_parent: Any
+    crosspost_parent_list: Any
+    removed_by_category: Any
+    is_robot_indexable: Any
+    retrieved_on: Any
+    retrieved_utc: Any
+    _meta: Any
+
+
+class _Envelope(TypedDict, total=False):
+    fetched_at: Any
+    request: Any
+    status: Any
+    response: _Node | list[_Node] | str | None
+
+
+_DECODER, _WHOLE = msgspec.json.Decoder(_Envelope), msgspec.json.Decoder()
 
 
 def _asked_for(kind: str, params: dict[str, Any], status: int) -> list[tuple[str, str]]:
@@ -192,10 +249,11 @@ def _to_table(records: list[Row], *, live: bool) -> pa.Table:
         "undated": pa.array([not live and row.get("undated", False) for row in records]),
         "problems": problems(noted, len(records)),
     }
+    plain = [field for field in schema() if field.name not in special]
+    # Arrow looks the fields up itself.
+    read: Any = pa.array(records, pa.struct(plain))
     columns = [
-        special[field.name].cast(field.type)
-        if field.name in special
-        else pa.array([row.get(field.name) for row in records], field.type)
+        special[field.name].cast(field.type) if field.name in special else read.field(field.name)
         for field in schema()
     ]
     return pa.table(columns, schema=schema())

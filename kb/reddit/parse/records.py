@@ -121,6 +121,7 @@ def poll_options(post: Post) -> list[str] | None:
 _TEXTS = ("title", "selftext", "body")  # what tells whether a record was escaped
 _ADDRESSES = ("url", "url_overridden_by_dest")
 _DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
+_LARGEST = 1 << 62
 _LARGEST_ID = 36**13  # as for ids in lists
 _WHOLE = re.compile(r"[0-9]{1,25}(?:\.0+)?")
 _NUMBER = re.compile(r"#(?:[0-9]+|[xX][0-9a-fA-F]+)")
@@ -158,17 +159,13 @@ def resolve(record: dict[str, Any]) -> dict[str, Any]:
 
     The post that a crosspost shows is a record of its own. An address that holds a bare `&` stays.
     """
-    if was_never_escaped(text for name in _TEXTS if isinstance(text := record.get(name), str)):
+    texts = [text for name in _TEXTS if isinstance(text := record.get(name), str)]
+    if was_never_escaped(texts):
         return record
     changed: dict[str, Any] = {
-        name: html.unescape(text)
-        for name in _TEXTS
+        name: html.unescape(text) if name in _TEXTS else unescaped(text)
+        for name in (*_TEXTS, *_ADDRESSES)
         if isinstance(text := record.get(name), str) and "&" in text
-    }
-    changed |= {
-        name: unescaped(address)
-        for name in _ADDRESSES
-        if isinstance(address := record.get(name), str) and "&" in address
     }
     parents = record.get("crosspost_parent_list")
     if isinstance(parents, list) and parents and isinstance(parents[0], dict):
@@ -274,12 +271,12 @@ def _problem(row: Row, column: str, value: Any) -> None:
 def _integer(row: Row, data: dict[str, Any], name: str) -> int | None:
     """A whole number; old dumps have times and scores as strings, some as floats."""
     value = data.get(name)
-    if value is None:
-        return None
+    if value is None or (value.__class__ is int and -_LARGEST < value < _LARGEST):
+        return value
     if isinstance(value, (int, float, str)) and not isinstance(value, bool):
         try:
             number = value if isinstance(value, int) else int(float(value))
-            if -(1 << 62) < number < 1 << 62:
+            if -_LARGEST < number < _LARGEST:
                 return number
         except (ValueError, OverflowError):
             pass

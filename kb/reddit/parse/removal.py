@@ -71,7 +71,9 @@ def removal(record: Mapping[str, Any]) -> Removal | None:
     """
     if record.get("author") == PURGED:
         return Removal(PURGED.strip("[]"), PURGED, dated=False)
-    meta = _meta(record)
+    meta = record.get("_meta")
+    if not isinstance(meta, dict):
+        return _dated(_of_record(record), record)
     later, before = flag(meta.get("was_deleted_later")), flag(meta.get("was_initially_deleted"))
     kind = meta.get("removal_type")
     kind = kind if isinstance(kind, str) and kind.strip() else None
@@ -82,7 +84,10 @@ def removal(record: Mapping[str, Any]) -> Removal | None:
             return own._replace(dated=dated)
         by_author = _NO_LETTERS.sub(" ", kind.casefold()).strip() in _BY_ITS_AUTHOR
         return Removal("deleted" if by_author else "removed", kind[:200], dated)
-    own_word = _of_text(record) if before else _of_record(record)
+    return _dated(_of_text(record) if before else _of_record(record), record)
+
+
+def _dated(own_word: Removal | None, record: Mapping[str, Any]) -> Removal | None:
     return own_word and own_word._replace(dated=retrieved(record) is not None)
 
 
@@ -96,11 +101,6 @@ def flag(value: Any) -> bool | None:
     return _WORDS.get(str(value).lower()) if isinstance(value, (int, str)) else None
 
 
-def _meta(record: Mapping[str, Any]) -> Mapping[str, Any]:
-    meta = record.get("_meta")
-    return meta if isinstance(meta, dict) else {}
-
-
 def _first_visit(record: Mapping[str, Any]) -> int | None:
     for name in ("retrieved_utc", "retrieved_on"):
         if (at := _moment(record.get(name))) is not None:
@@ -110,7 +110,8 @@ def _first_visit(record: Mapping[str, Any]) -> int | None:
 
 def _second_visit(record: Mapping[str, Any]) -> int | None:
     """None as well where it would be before the first one."""
-    at = _moment(_meta(record).get("retrieved_2nd_on"))
+    meta = record.get("_meta")
+    at = _moment(meta.get("retrieved_2nd_on")) if isinstance(meta, dict) else None
     return None if at is None or at < (_first_visit(record) or 0) else at
 
 
@@ -124,16 +125,15 @@ def _moment(value: Any) -> int | None:
 
 def _of_record(thing: Mapping[str, Any]) -> Removal | None:
     """What Reddit says in the fields of a record."""
-    category, text = thing.get("removed_by_category"), _text(thing)
-    if category in ("deleted", "author") or _in_place_of(text) == "deleted":
-        return Removal("deleted", str(category or text).strip())
-    if category:
+    if category := thing.get("removed_by_category"):
+        if category in ("deleted", "author") or _in_place_of(_text(thing)) == "deleted":
+            return Removal("deleted", str(category).strip())
         return Removal("removed", str(category))
     if of_text := _of_text(thing):
         return of_text
     if thing.get("is_robot_indexable") is False:
         return Removal("removed", "is_robot_indexable is false")
-    if thing.get("author") == "[deleted]" and text is None:
+    if thing.get("author") == "[deleted]" and _text(thing) is None:
         return Removal("deleted", "[deleted]")
     return None
 
@@ -150,7 +150,7 @@ def _in_place_of(text: Any) -> str | None:
     """The reason where a text is the site's or an archive's own, in any spelling; None where
     people may have written it.
     """
-    if not isinstance(text, str) or len(text) > _LONGEST_LINK:
+    if not isinstance(text, str) or "[" not in text or len(text) > _LONGEST_LINK:
         return None
     words = _INVISIBLE.sub("", text).strip(" \n*_~")
     if link := _LINK.fullmatch(words):

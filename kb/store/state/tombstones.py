@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, cast
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from kb.core import clock
 from kb.core.errors import DamagedData
+from kb.core.installation import pc
 from kb.schema.tables import table
 from kb.store.atomic import write_bytes
 from kb.store.damage import read_note, unreadable

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
-from kb.core.installation import np
+from kb.core.installation import np, pc
 
 
 def column(rows: pa.Table, name: str) -> Any:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
+from kb.core.installation import pc
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
 

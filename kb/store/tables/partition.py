@@ -28,6 +28,7 @@ from kb.store.tables.columns import duplicates, newest
 RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small answers
 MOST = 512
 PIECE = 32_768  # rows that are spread at once
+LARGE = 1 << 20  # bytes of rows that are spread as they come: joining them would copy them
 FULLY_SEARCHED = (
     20  # envelopes of a segment that are all searched for unknown keys; then every hundredth
 )
@@ -132,7 +133,7 @@ def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
     waiting: list[pa.Table] = []
     for rows in tables:
         waiting.append(rows)
-        if sum(part.num_rows for part in waiting) >= PIECE:
+        if sum(part.num_rows for part in waiting) >= PIECE or rows.nbytes >= LARGE:
             yield pa.concat_tables(waiting)
             waiting = []
     if waiting:

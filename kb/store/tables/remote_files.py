@@ -23,10 +23,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-import fsspec
 import pyarrow as pa
 import pyarrow.fs
-from fsspec.implementations.cached import CachingFileSystem
 
 from kb.core import terminal
 from kb.core.cached_property import cached_property
@@ -39,7 +37,7 @@ from kb.core.errors import (
     SettingError,
     Unreachable,
 )
-from kb.core.installation import ds, install_extra
+from kb.core.installation import ds, fsspec, fsspec_cached, install_extra
 from kb.net.certificates import causes, tls, untrusted
 from kb.net.hub_client import use_own_client
 from kb.net.proxies import proxy_of
@@ -232,7 +230,7 @@ def _ways(address: str, options: Mapping[str, Any]) -> dict[str, dict[str, Any]]
 
 
 def _open(system: fsspec.AbstractFileSystem, path: str) -> Any:
-    if isinstance(system, CachingFileSystem):  # it asks the system below for just its blocks
+    if isinstance(system, fsspec_cached.CachingFileSystem):  # it asks below for just its blocks
         return system.open(path, mode="rb")
     return system.open(path, mode="rb", cache_type="none")
 

@@ -16,9 +16,9 @@ from types import TracebackType
 from typing import NamedTuple, Self
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from kb.core.installation import pc
 from kb.schema.tables import Table, conform, table
 from kb.store.atomic import writing
 from kb.store.tables import parquet

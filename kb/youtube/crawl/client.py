@@ -5,20 +5,20 @@ Errors: https://developers.google.com/youtube/v3/docs/errors, decided by codes a
 wording.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-import httplib2
 import requests
-from googleapiclient.discovery import build
-from googleapiclient.errors import HttpError
 
 from kb.core import terminal
 from kb.core.config.section import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.context import Run
 from kb.core.errors import Challenged, CredentialRefused, ItemFinal, KbError, Retryable
+from kb.core.installation import googleapiclient, httplib2
 from kb.crawl.connector import Opened, asking
 from kb.crawl.quota import Quota
 from kb.net.retry import Note, blocked, retry_after
@@ -66,7 +66,7 @@ class YouTubeApi:
         endpoint = settings.kb_youtube_endpoint or GOOGLE
         session = HttpSession(settings, hosts={host_of(endpoint)}, ledger=self._row)
         # build() only reads a file of the package, so that no error of its own shows the key.
-        self._client = build(
+        self._client = googleapiclient.discovery.build(
             "youtube",
             "v3",
             developerKey=settings.need("youtube_api_key"),
@@ -117,7 +117,7 @@ class YouTubeApi:
         try:
             # num_retries=0: the client would retry the 429 of a bucket that is spent for the day.
             answer = request.execute(num_retries=0)
-        except HttpError as error:
+        except googleapiclient.errors.HttpError as error:
             # Never the client's own text: it holds the URL, and so the key.
             after = retry_after(error.resp.get("retry-after"), error.resp.get("date"))
             raise meaning(int(error.resp.status), _json(error.content), asked, after) from None

@@ -14,9 +14,9 @@ from itertools import islice
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from kb.core.errors import FatalError
+from kb.core.installation import pc
 from kb.schema.coerce import inner, times
 from kb.schema.decode import AnswerRows, ColumnReader, problems, rows_of
 from kb.schema.tables import table

@@ -22,9 +22,8 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
-from kb.core.installation import np
+from kb.core.installation import np, pc
 from kb.schema.tables import table
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
+from kb.core.installation import pc
 from kb.store.layout import parquet_files
 from kb.store.tables import parquet
 from kb.store.tables.columns import column

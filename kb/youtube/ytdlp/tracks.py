@@ -12,9 +12,9 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from kb.core import languages
+from kb.core.installation import pc
 from kb.core.languages import is_language, is_same_language
 from kb.schema.coerce import in_lists, json_type, read_json, records
 from kb.schema.decode import ColumnReader, in_batches, problems

@@ -69,7 +69,9 @@ def test_a_file_of_the_user_s_own_wins(profile: Profile) -> None:
         recipe.defined("nothing")
 
 
-@pytest.mark.parametrize("text", ["import no_such_module_of_ours", "def ("])
+@pytest.mark.parametrize(
+    "text", ["import no_such_module_of_ours", "def (", "{}['x']", "raise SystemExit(3)"]
+)
 def test_a_file_that_cannot_be_loaded_is_named(profile: Profile, text: str) -> None:
     profile.resolve_file("mine.py").write_text(text)
     with pytest.raises(SettingError, match=r"mine\.py can't be loaded"):

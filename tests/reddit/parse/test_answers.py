@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from typing import Any
+from unittest import mock
 
 import pytest
 from hypothesis import given, settings
@@ -100,6 +101,17 @@ def test_every_thing_of_any_answer_has_a_row(
     for row in rows:
         problems = {one["column"] for one in row["problems"]}
         assert not {name for name in problems - {"state", "body"} if row[name] is not None}
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.sampled_from(parse.KINDS), st.lists(things(), max_size=4), params)
+def test_what_is_not_decoded_is_in_no_row(
+    kind: str, children: list[Any], asked: dict[str, Any]
+) -> None:
+    line = envelope(response(kind, children), asked)
+    with mock.patch.object(parse, "_DECODER", parse._WHOLE):
+        whole = read(kind, line)
+    assert read(kind, line) == whole
 
 
 def test_a_line_that_is_no_envelope_is_damage() -> None:
