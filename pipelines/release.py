@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from kb.artifacts import freshness
 from kb.core.context import Run
 from kb.core.summary import Summary
+from kb.labels.imports import measure_labels
 from kb.registry import PUBLISHED
 from kb.release import build
 
@@ -25,5 +26,6 @@ def release_needs(run: Run) -> None:
 
 
 def release(run: Run, only: Sequence[str] = ()) -> Summary:
-    """Run the gate, then write everything that describes the data."""
+    """Run the gate, then write everything that describes the data, with today's judgements."""
+    measure_labels(run)
     return build.release(run, PUBLISHED, only)

@@ -9,7 +9,7 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.summary import Summary
-from kb.crawl.session import is_state_missing, replay_missing_state
+from kb.crawl.session import replay_unread_answers
 from kb.export import layouts
 from kb.filters.filter_run import check_kept, check_scorer, run_clean
 from kb.registry import PUBLISHED, SOURCES
@@ -22,9 +22,8 @@ def tables_needs(run: Run, source: str) -> None:
 
 def tables(run: Run, source: str) -> Summary:
     """Judge the raw answers. What the crawl gave up on only the state says."""
-    if is_state_missing(run.root, source):
-        check_scorer(run, source)  # before anything is written
-        replay_missing_state(run, source, SOURCES[source].connector)
+    check_scorer(run, source)  # before anything is written
+    replay_unread_answers(run, source, SOURCES[source].connector)
     return check_kept(run, source, run_clean(run, source))
 
 

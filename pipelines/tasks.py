@@ -10,13 +10,16 @@ transcript, say when the task begins and ends.
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
+from kb.labels.imports import measure_labels
 from kb.registry import PUBLISHED
 from kb.tasks.build import build
 
 
 def tables(run: Run) -> Summary:
-    """Make the tasks."""
-    return build(run)
+    """Make the tasks, and count what was judged of them."""
+    made = build(run)
+    measure_labels(run)
+    return made
 
 
 def export(run: Run, format: str = "parquet") -> Summary:

@@ -47,6 +47,7 @@ NAMES = (
     *("index", "report", RELEASE),
 )
 NEVER_MADE = "not made yet"
+REMOVED = "removed by a purge"
 PURGED = "purged"  # in place of an input's digest: a purge took rows out of both
 _NO_RECIPE = "its recipe was not recorded"
 _LONGEST = 40  # characters of a value in a message
@@ -156,6 +157,8 @@ def reasons(run: Run, name: str, stale: Collection[str] = (), now: Now | None = 
         return ["release.open_text true → false"] if made or artifact.folder(root).exists() else []
     if made is None:
         return [NEVER_MADE]
+    if artifact.maker is not None and manifest.is_vacant(made):
+        return [REMOVED]
     why = manifest.damaged(place, name)[:1]
     if not made.figures.get("complete", True):
         why.append("not finished")

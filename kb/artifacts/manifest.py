@@ -171,11 +171,13 @@ def vacant(root: Path) -> list[str]:
     return [
         name
         for name, artifact in ARTIFACTS.items()
-        if artifact.maker
-        and (made := read_manifest(root, name)) is not None
-        and not made.inputs
-        and made.files.keys() <= set(artifact.kept_files)
+        if artifact.maker and (made := read_manifest(root, name)) is not None and is_vacant(made)
     ]
+
+
+def is_vacant(made: Manifest) -> bool:
+    """Whether a derived artifact was removed and is to be made again."""
+    return not made.inputs and made.files.keys() <= set(ARTIFACTS[made.artifact].kept_files)
 
 
 def entry_of(file: Path) -> FileEntry:

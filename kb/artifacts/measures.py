@@ -1,8 +1,8 @@
 """Reads and writes pairs/measures.json: one section for each measure, each with its sample size.
 
-The sections hold figures alone, no ids and no text. "pairs" is of all pairs and written by
-`kb pairs`. The others are of samples: they stay when pairs are made again by the same rules, and
-go when the rules (keywords, section, seed) have changed.
+The sections hold figures alone, no ids and no text. "pairs" is of all pairs. The others are of
+samples, and are derived again with the pairs from what is kept: judgements, second tracks, and what
+was seen of films.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from kb.core.summary import share_of
 from kb.store.atomic import write_bytes
 from kb.store.damage import read_note
 from kb.store.layout import Layout
-from kb.store.lock import writer
+from kb.store.lock import taking
 from kb.store.tables import database
 from kb.store.tables.reading import scan
 
@@ -39,16 +39,19 @@ def read_measures(folder: Path) -> dict[str, Any]:
 
 
 def write_measure(root: Path, name: str, section: dict[str, Any]) -> Path:
-    """Set one section; the others stay. Returns the file.
+    """Set one section, or remove it where it is empty; the others stay. Returns the file.
 
     Raises FatalError without pairs, WriterLocked, DamagedData, DiskFull.
     """
-    folder = Layout(root).pairs
-    with writer(root, "pairs"):
+    with taking(root, "pairs"):
         check_pairs(root)
-        sections = read_measures(folder) | {name: section}
-        with manifest.editing(root, "pairs"):
-            return write_measures(folder, sections)
+        before = read_measures(folder := Layout(root).pairs)
+        sections = {key: kept for key, kept in before.items() if key != name}
+        sections |= {name: section} if section else {}
+        if sections != before:
+            with manifest.editing(root, "pairs"):
+                write_measures(folder, sections)
+    return folder / FILE
 
 
 def write_measures(folder: Path, sections: dict[str, Any]) -> Path:

@@ -13,7 +13,7 @@ from pathlib import Path
 from kb.artifacts import domain_binding
 from kb.core import clock
 from kb.core.context import Run
-from kb.core.errors import TURNED_AWAY, Retryable
+from kb.core.errors import TURNED_AWAY, Retryable, WriterLocked
 from kb.crawl.connector import Answer, Connector, Opened
 from kb.store import lock
 from kb.store.layout import Layout
@@ -22,6 +22,7 @@ from kb.store.rawlog.rawlog import Envelope
 from kb.store.rawlog.recorder import Recorder
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
+from kb.store.tables import reading
 
 BLOCKED = "blocked:"  # cursor: when the service blocked us
 _STEP_S = 0.5  # how soon a waiting thread notices that the work on its service has ended
@@ -165,12 +166,35 @@ def is_state_missing(root: Path, source: str) -> bool:
     return not Layout(root).state(source).exists() and rawlog.any_answer(root, source)
 
 
-def replay_missing_state(run: Run, source: str, make_connector: Callable[[Run], Connector]) -> None:
-    """Replay a source's state from raw answers where it is missing, with one line.
+def _is_state_behind(root: Path, source: str) -> bool:
+    """Whether there are raw answers that a state has not taken in, as after a merge."""
+    path = Layout(root).state(source)
+    if not path.exists():
+        return False
+    with reading.state(path) as frontier:
+        known = frontier.offsets()
+    return any(
+        known.get((path.parent.name, rawlog.base_name(path)), 0) < path.stat().st_size
+        for path in rawlog.all_segments(root, source)
+    )
 
-    For commands that only need what the state says. Raises WriterLocked, DamagedData, and OSError
-    where the data root can't be written.
+
+def replay_unread_answers(
+    run: Run, source: str, make_connector: Callable[[Run], Connector]
+) -> None:
+    """Replay a source's state from raw answers where it is missing, and take in those that it does
+    not have yet, with one line.
+
+    For commands that only need what the state says. Raises WriterLocked and OSError where a missing
+    state can't be written, DamagedData.
     """
-    if is_state_missing(run.root, source):
+    is_missing = is_state_missing(run.root, source)
+    if not (is_missing or _is_state_behind(run.root, source)):
+        return
+    try:
         with open_session(run, make_connector(run), online=False):
-            pass
+            if not is_missing:
+                run.progress.say(f"{source}: raw answers that its state did not have are taken in")
+    except (WriterLocked, OSError):  # the state says how far it is
+        if is_missing:
+            raise

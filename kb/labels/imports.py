@@ -106,13 +106,26 @@ def unite(run: Run, others: Sequence[Path]) -> int:
         rows = conform(LABELS, con.sql(_NEWEST).to_arrow_table())
         if not rows.equals(old):
             _write(run.root, rows)
-    if not rows.equals(old) and manifest.read_manifest(run.root, "pairs") is not None:
-        with domain_binding.writing(run, "labels", "pairs"), database.connect(run.root) as con:
-            con.register("given", none)
-            con.register("old", rows)
-            _judge(con, run.root)
-            _measured(con, run.root, rows)
+    measure_labels(run)
     return max(0, rows.num_rows - old.num_rows)
+
+
+def measure_labels(run: Run) -> None:
+    """Write the figures of the answers that are there beside the pairs, where there are some.
+
+    Raises WriterLocked, DamagedData, DiskFull.
+    """
+    if manifest.read_manifest(run.root, "pairs") is None:
+        return
+    rows = stored(run.root)
+    if not rows.num_rows:
+        write_measure(run.root, SECTION, {})
+        return
+    with domain_binding.writing(run, "labels", "pairs"), database.connect(run.root) as con:
+        con.register("given", rows.slice(0, 0))
+        con.register("old", rows)
+        _judge(con, run.root)
+        _measured(con, run.root, rows)
 
 
 def stored(root: Path) -> pa.Table:

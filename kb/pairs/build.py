@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from kb.artifacts import freshness, manifest, measures
+from kb.artifacts import manifest, measures
 from kb.artifacts.parted_build import (
     Part,
     PartedBuild,
@@ -83,17 +83,9 @@ def build(run: Run) -> Summary:
 
 
 def _write_measures(run: Run, fresh: manifest.Build) -> None:
-    """Figures of all pairs; those of samples still hold where the rules are the same."""
-    old = manifest.read_manifest(run.root, "pairs")
-    kept = measures.read_measures(Layout(run.root).pairs) if old is not None else {}
-    if old is not None and freshness.changes(old, fresh.settings):
-        if kept.keys() - {measures.PAIRS}:
-            run.progress.say(
-                "the rules of pairs have changed, so pairs/measures.json no longer has the figures"
-                " of samples; run `kb pairs measure` again, which fetches no track twice, and"
-                " `kb label import FILE` with the same files"
-            )
-        kept = {}
+    """Figures of all pairs, and those of samples until they are derived again."""
+    there = manifest.read_manifest(run.root, "pairs") is not None
+    kept = measures.read_measures(Layout(run.root).pairs) if there else {}
     measures.count_pairs(run.root, fresh.folder, kept)
 
 

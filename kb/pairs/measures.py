@@ -38,8 +38,8 @@ class VideoSample(NamedTuple):
     out_of: int
 
 
-def sampled(root: Path, both: Collection[str], n: int, seed: int) -> VideoSample:
-    """At most `n` of the videos `both` that are kept with a manual track.
+def sampled(root: Path, both: Collection[str], n: int | None, seed: int) -> VideoSample:
+    """At most `n` (None: all) of the videos `both` that are kept with a manual track.
 
     A larger sample of the same seed begins with the smaller one. Raises FatalError without
     transcripts, DamagedData.

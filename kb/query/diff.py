@@ -1,9 +1,9 @@
 """`kb diff`: which rows came, went and changed between two roots or releases, table by table.
 
 Rows are the same where their declared keys are; they have changed where another column of both
-sides differs, but for the time when it was read. Why a row went is said where the newer side knows
-it: a removal, the stage that rejects it now, what failed, waits or could not be restored; of a row
-of a video, page or thread that went, why that did.
+sides differs, but for the time when it was read and hashes with another key. Why a row went is said
+where the newer side knows it: a removal, the stage that rejects it now, what failed, waits or could
+not be restored; of a row of a video, page or thread that went, why that did.
 
 A source is compared in the fullest form that both sides have (clean, then released, restored), else
 by the tables and columns that both have. DuckDB joins keys and digests of rows, and spills what its
@@ -25,7 +25,7 @@ from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.suggestions import similar
 from kb.query.remote_duckdb import RemoteFiles
 from kb.query.remote_reading import reading_views
-from kb.schema.tables import WHEN_READ, Table, table, tables, tables_of
+from kb.schema.tables import KEYED_HASHES, WHEN_READ, Table, table, tables, tables_of
 from kb.store.layout import VERDICTS
 from kb.store.tables import database
 from kb.store.tables.reading import reading, scan
@@ -33,6 +33,7 @@ from kb.store.tables.reading import reading, scan
 FORMS = ("clean", "links", "release", "restored")  # that are compared, the fullest first
 _MEMORY = "2GB"
 _BATCH = 10_000  # rows
+_SHOWN = 4  # columns that were not compared
 _WHY = "STRUCT(stage VARCHAR, reason VARCHAR, value VARCHAR, threshold VARCHAR)"
 
 
@@ -57,6 +58,7 @@ class Comparison:
     def __init__(self, old: Sequence[View], new: Sequence[View]) -> None:
         self.old = {view.full: view for view in old}
         self.new = {view.full: view for view in new}
+        self.left_out: dict[str, list[str]] = {}  # by why, columns that were not compared
         self.con = database.connect(memory=_MEMORY)
         self._files = RemoteFiles()
         if any(view.remote for view in (*old, *new)):
@@ -142,11 +144,11 @@ class Comparison:
         skipped = {*declared.key} | WHEN_READ
         if old and new and old.schema != new.schema:  # paths begin elsewhere, scores are not there
             skipped |= {column for _, column in PUBLISHED[declared.source].paths}
-            skipped |= {
-                name
-                for rows, kind in zip(scans, kinds, strict=True)
-                for name in self._without_values(rows, kind)
-            }
+            old_empty, new_empty = map(self._without_values, scans, kinds)
+            skipped |= self._leave_out("one side has no values", old_empty ^ new_empty, *kinds)
+        if old and new:
+            foreign = {name for name in KEYED_HASHES if self._no_common_value(name, scans, kinds)}
+            skipped |= self._leave_out("hashed with another key", foreign)
         both = [name for name in kinds[1] if name in kinds[0] and name not in skipped]
         casts = [f"CAST({_quoted(name)} AS {kinds[1][name]})" for name in both]
         digest = f"hash({', '.join(casts)})" if casts else "0::UBIGINT"
@@ -174,6 +176,36 @@ class Comparison:
         if view.remote is None:
             return scan(view.files)
         return scan([self._files.add_file(view.remote.folder, name) for name in view.remote.names])
+
+    def not_compared(self) -> str:
+        """A line about columns that were not compared so far, "" for none."""
+        shown = (
+            f"{', '.join(names[:_SHOWN])}{' …' * (len(names) > _SHOWN)} ({why})"
+            for why, names in self.left_out.items()
+            if names
+        )
+        line = "; ".join(shown)
+        return f"not compared: {line}" if line else ""
+
+    def _leave_out(self, why: str, names: Iterable[str], *sides: Iterable[str]) -> set[str]:
+        """Note columns that are not compared, of those that all sides have."""
+        left = set(names).intersection(*sides)
+        self.left_out[why] = sorted(left.union(self.left_out.get(why, ())))
+        return left
+
+    def _no_common_value(
+        self, name: str, scans: Iterable[str], kinds: Iterable[Mapping[str, str]]
+    ) -> bool:
+        """Whether both sides have values in a column, and none of them in common."""
+        if not all(name in kind for kind in kinds):
+            return False
+        column = _quoted(name)
+        values = [f"SELECT {column} FROM {rows} WHERE {column} IS NOT NULL" for rows in scans]
+        ((old, new, common),) = self.con.execute(
+            f"SELECT EXISTS ({values[0]}), EXISTS ({values[1]}),"
+            f" EXISTS ({' INTERSECT '.join(values)})"
+        ).fetchall()
+        return bool(old and new and not common)
 
     def _without_values(self, rows: str, names: Iterable[str]) -> set[str]:
         """The columns that hold nothing but null."""

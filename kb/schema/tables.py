@@ -31,6 +31,9 @@ from kb.core.sources import PARTS, SCHEMA_FOLDERS, SOURCES
 WHEN_READ = frozenset({"fetched_at", "counted_at"})
 """Columns that say when a row was read: another time alone is no change of it."""
 
+KEYED_HASHES = frozenset({"author_hash"})
+"""Columns of hashes with a key of each data root: another key gives others of the same names."""
+
 Text = Annotated[str, Meta(pattern=r"\S")]
 Line = Annotated[str, Meta(pattern=r"^[^\n]*\S[^\n]*$")]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]

@@ -26,16 +26,22 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from kb.artifacts import measures
 from kb.artifacts.measures import QUANTILES, quantiles_of
 from kb.clips.clip_files import Row
 from kb.core.context import Run
 from kb.core.installation import np
 from kb.core.summary import share_of
 from kb.score.calibration import judgements
-from kb.score.film_store import WINDOW_S, SeenFilm, Vectors, span, text_key, vectors_of
+from kb.score.film_store import (
+    WINDOW_S,
+    SeenFilm,
+    Vectors,
+    chosen_model,
+    span,
+    text_key,
+    vectors_of,
+)
 from kb.score.models import unit
-from kb.store.layout import Layout
 
 SECTION = "alignment"
 SPOKEN, ALIGNED = "visible", "visible_aligned"  # the questions about clips at either times
@@ -88,7 +94,7 @@ class Aligner(NamedTuple):
 
 def aligner(run: Run, model: str = "") -> Aligner | None:
     """By this model, or by the one that pairs were aligned by; None where they were not."""
-    model = model or measures.read_measures(Layout(run.root).pairs).get(SECTION, {}).get("model")
+    model = model or chosen_model(run.root, SECTION)
     score = run.profile.score
     return Aligner(run.root, model, score.align_middle, score.align_slope) if model else None
 

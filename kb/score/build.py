@@ -46,9 +46,11 @@ from kb.score.film_pass import Watched, watch_film
 from kb.score.film_store import (
     SeenFilm,
     Vectors,
+    chosen_model,
     forget_film,
     keep_film,
     keep_vectors,
+    note_model,
     seen_film,
     text_key,
     vectors_of,
@@ -58,7 +60,7 @@ from kb.score.pair_scores import Row, needed_ticks, scores_of
 from kb.store.atomic import write_bytes
 from kb.store.damage import read_note
 from kb.store.layout import Layout
-from kb.store.lock import writer
+from kb.store.lock import taking
 from kb.store.tables import parquet
 from kb.store.tables.shard_writer import write_table
 
@@ -119,7 +121,7 @@ def score(
     spent = np.zeros(2)  # seconds of models, and of all passes
     with (
         selected(run, folders, chosen, _COLUMNS) as (found, videos, rows),
-        writer(run.root, "pairs"),
+        taking(run.root, "pairs"),
         run.progress.task("pairs score", total=len(videos), unit="videos") as task,
         executor_of_tasks(run, len(videos), run.root, [*folders, path]) as executor,
     ):
@@ -142,7 +144,7 @@ def score(
             if made.scores:
                 scored_rows.append(_rows(video_id, name, made))
             task.advance(1, pairs=len(made.scores))
-        visible = _write(run, _with_others(run, name, scored_rows))
+        visible = _write(run, name, _with_others(run, name, scored_rows))
         write_figures(run)
         remember_model(run.root, name, path)
     if device != "cpu" and spent[1]:
@@ -279,13 +281,12 @@ def put_back(run: Run) -> None:
 
     Opens no film. Raises WriterLocked, DamagedData, DiskFull.
     """
-    at = Layout(run.root)
-    with writer(run.root, "pairs"):
+    at, name = Layout(run.root), chosen_model(run.root, SECTION)
+    with taking(run.root, "pairs"):
         write_figures(run)
-    measured = measures.read_measures(at.pairs).get(SECTION, {"models": []})
-    if not measured["models"]:
+    if not name:
         return
-    (name,) = measured["models"]
+    before = measures.read_measures(at.pairs).get(SECTION, {"pairs": 0})["pairs"]
     scored = ((path.stem, _read_scores(path)) for path in at.scoring.glob("*.json"))
     known = {video: done for video, done in scored if done is not None and done.model == name}
     scored_rows: list[pa.Table] = []
@@ -294,9 +295,9 @@ def put_back(run: Run) -> None:
             video = own[0]["video_id"]
             if known[video].pairs.items() <= _digests(own).items():
                 scored_rows.append(_rows(video, name, known[video]))
-    with writer(run.root, "pairs"):
-        _write(run, scored_rows)
-    if lost := measured["pairs"] - sum(map(len, scored_rows)):
+    with taking(run.root, "pairs"):
+        _write(run, name, scored_rows)
+    if lost := before - sum(map(len, scored_rows)):
         run.progress.say(
             f"{lost:,} pairs have no scores any more; run `kb pairs score` again, which decodes no"
             " film whose pairs are the same as before"
@@ -341,12 +342,13 @@ def _with_others(run: Run, model: str, scored_rows: list[pa.Table]) -> list[pa.T
     return [fresh, *(shard.cast(fresh.schema) for shard in kept)]
 
 
-def _write(run: Run, scored_rows: list[pa.Table]) -> dict[str, Any]:
+def _write(run: Run, model: str, scored_rows: list[pa.Table]) -> dict[str, Any]:
     """Write the scores, and what they say of all pairs into pairs/measures.json; what people's
     judgements say of them.
     """
     folder = Layout(run.root).pairs
     every = pa.concat_tables([table(NAME).arrow().empty_table(), *scored_rows])
+    note_model(run.root, SECTION, model)
     measured = section(run.root, run.profile, every)
     sections = measures.read_measures(folder) | {SECTION: measured}
     with manifest.editing(run.root, "pairs"):

@@ -33,11 +33,18 @@ from kb.schema.tables import table
 from kb.score import align as alignment
 from kb.score.calibration import SECTION, judgements
 from kb.score.film_pass import SAMPLE_S
-from kb.score.film_store import SeenFilm, seen_film, seen_videos, stored_model
+from kb.score.film_store import (
+    SeenFilm,
+    chosen_model,
+    note_model,
+    seen_film,
+    seen_videos,
+    stored_model,
+)
 from kb.score.visual_duplicates import CLIP, visual_duplicates
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST
 from kb.store.layout import Layout
-from kb.store.lock import writer
+from kb.store.lock import taking
 from kb.store.tables import database
 from kb.store.tables.reading import scan
 from kb.store.tables.shard_writer import write_table
@@ -95,9 +102,8 @@ def align(run: Run, model: str = "", *, fit: bool = False) -> Summary:
     freshness.refuse(run, "pairs")
     name = stored_model(run.root, model)
     curve = _fitted(run, name) if fit else None
-    with writer(run.root, "pairs"):
-        _note_alignment(run, {"model": name})
-        write_figures(run)
+    with taking(run.root, "pairs"):
+        write_figures(run, name)
         section = measures.read_measures(Layout(run.root).pairs)[alignment.SECTION]
     with database.connect(run.root) as con:
         ((cut,),) = con.sql(
@@ -145,9 +151,9 @@ def _fitted(run: Run, model: str) -> dict[str, Any]:
     return {"align_middle": curve[0], "align_slope": curve[1], "judged": len(shown)}
 
 
-def write_figures(run: Run) -> None:
-    """Write films/ of all films that were seen, under the lock of the pairs. Raises DamagedData,
-    DiskFull.
+def write_figures(run: Run, model: str = "") -> None:
+    """Write films/ of all films that were seen, under the lock of the pairs. `model`: the one that
+    aligns pairs from now on. Raises DamagedData, DiskFull.
     """
     root, videos = run.root, seen_videos(run.root)
     if not videos:
@@ -155,26 +161,20 @@ def write_figures(run: Run) -> None:
     # Users may keep their films in the same folder, so it is never replaced as a whole.
     folder = ARTIFACTS["films"].folder(root)
     (folder / MANIFEST).unlink(missing_ok=True)
-    by_model = alignment.aligner(run)
+    by_model = alignment.aligner(run, model)
     _write_table(folder, _SHOTS, _shot_rows(run, videos))
     figures = _write_table(folder, _FIGURES, _figure_rows(run, videos, by_model))
     manifest.record(folder, "films")
     if by_model is not None:
-        _note_alignment(run, alignment.section(root, by_model.model, figures))
+        note_model(root, alignment.SECTION, by_model.model)
+        section = alignment.section(root, by_model.model, figures)
+        measures.write_measure(root, alignment.SECTION, section)
 
 
 def _write_table(folder: Path, name: str, rows: Iterable[Mapping[str, Any]]) -> pa.Table:
     made = pa.Table.from_pylist(list(rows), schema=table(name).arrow())
     write_table(folder / f"{name.partition('/')[2]}-00000-of-00001.parquet", made, name)
     return made
-
-
-def _note_alignment(run: Run, section: dict[str, Any]) -> None:
-    """Set the section of aligned times in pairs/measures.json, under the lock of the pairs."""
-    folder = Layout(run.root).pairs
-    sections = measures.read_measures(folder) | {alignment.SECTION: section}
-    with manifest.editing(run.root, "pairs"):
-        measures.write_measures(folder, sections)
 
 
 def _shot_rows(run: Run, videos: Iterable[str]) -> Iterator[dict[str, Any]]:
@@ -198,12 +198,11 @@ def _figure_rows(
 
 
 def _visual_duplicates(run: Run, videos: list[str]) -> dict[str, str]:
-    models = measures.read_measures(Layout(run.root).pairs).get(SECTION, {}).get("models")
-    if not models:
+    if not (model := chosen_model(run.root, SECTION)):
         return {}
     with pairs_of(run.root, Layout(run.root).rows("pairs/pairs"), videos, CLIP) as reader:
         clips = reader.read_all()
-    return visual_duplicates(run.root, models[0], clips)
+    return visual_duplicates(run.root, model, clips)
 
 
 def _seen_rows(run: Run, videos: list[str]) -> Iterator[tuple[list[dict[str, Any]], SeenFilm]]:

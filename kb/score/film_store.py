@@ -3,6 +3,8 @@
     <video>/film.npz       shots, motion and light of a film, whatever the model
     <video>/<model>.npz    vectors of its frames, and of the texts of its pairs, by one model
 
+state/pair-models.json: the models by which pairs were scored and aligned.
+
 Vectors are kept on this machine: no release, card or upload has them. Files appear complete or not
 at all, so a killed run loses at most the film in work. `film` is a digest by which another file of
 the same video is recognised.
@@ -19,6 +21,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from kb.artifacts.measures import read_measures
 from kb.core.context import Run
 from kb.core.errors import UsageError
 from kb.core.installation import np
@@ -26,7 +31,7 @@ from kb.core.sources import made_of
 from kb.score.film_pass import Watched
 from kb.score.shots import CUT, FADE, START, Shot
 from kb.store.atomic import write_bytes
-from kb.store.damage import unreadable
+from kb.store.damage import read_note, unreadable
 from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.state import tombstones
@@ -172,6 +177,24 @@ def stored_model(root: Path, asked: str = "") -> str:
     return chosen[0]
 
 
+def chosen_model(root: Path, section: str) -> str:
+    """The model that a section of pairs/measures.json is of; "" for none. Raises DamagedData."""
+    fix = "remove it, then run `kb pairs score` and `kb pairs align` again"
+    noted = read_note(_chosen(root), dict[str, str], fix=fix) or {}
+    measured = read_measures(Layout(root).pairs).get(section, {})  # before there were notes
+    return noted.get(section) or measured.get("model") or next(iter(measured.get("models", [])), "")
+
+
+def note_model(root: Path, section: str, model: str) -> None:
+    """Note the model by which pairs are scored or aligned from now on. Raises DiskFull."""
+    noted = read_note(_chosen(root), dict[str, str], fix="remove it") or {}
+    write_bytes(_chosen(root), msgspec.json.encode(noted | {section: model}))
+
+
+def _chosen(root: Path) -> Path:
+    return Layout(root).state_folder() / "pair-models.json"
+
+
 def forget_film(root: Path, video_id: str) -> None:
     """Remove all that was seen of a video's film."""
     shutil.rmtree(Layout(root).films / video_id, ignore_errors=True)
@@ -193,6 +216,8 @@ def unite(run: Run, roots: Sequence[Path]) -> int:
                 place = Layout(run.root).scoring / path.name
                 if path.stem not in purged and not place.exists():
                     write_bytes(place, path.read_bytes())
+            if _chosen(root).is_file() and not _chosen(run.root).exists():
+                write_bytes(_chosen(run.root), _chosen(root).read_bytes())
     return brought
 
 

@@ -80,6 +80,24 @@ def test_parts_of_a_crawl_are_the_whole_one(
     assert len(sandbox.ledger) == asked
 
 
+@pytest.mark.parametrize(
+    "words",
+    [("youtube", "crawl", "--plan"), ("update", "--plan"), ("status",), ("youtube", "filter")],
+    ids=" ".join,
+)
+def test_the_first_command_after_a_merge_takes_the_answers_into_the_state(
+    parts: list[Job], tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    merged = Job(parts[0].sandbox, tmp_path)
+    merged.done("merge", *(str(job.root) for job in parts))
+    line = "youtube: raw answers that its state did not have are taken in"
+    assert merged.kb(*words).stderr.count(line) == 1
+    assert line not in merged.kb(*words).stderr
+    plan = merged.done("youtube", "crawl", "--plan")
+    assert (plan["searches"], plan["assumed"]) == (0, None)
+    assert plan["channels"] > 0  # those that only the other part had found
+
+
 def test_parts_that_know_all_channels_spend_what_one_machine_does(tmp_path: Path) -> None:
     """Each searches for its keywords, learns what the others found, and reads its channels."""
     phases = ("uploads", "metadata")

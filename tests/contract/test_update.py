@@ -196,6 +196,7 @@ def test_what_was_imported_is_read_again_without_a_request(job: Job, tmp_path: P
         "youtube import: folders and files": 1,
         "reddit import: folders and files": 1,
     }
+    assert "reddit import: folders and files" in job.kb("update", "--plan").stdout
     done = job.done("update")
     for source in ("youtube", "reddit"):
         assert done["sources"][source][f"{source} import"]["crawled"] == 1

@@ -103,6 +103,26 @@ def test_repeated_imports_and_other_orders_give_the_same_bytes(root: Path, here:
     assert rows == [(1, "visible", "yes"), (2, "visible", "no")]  # a new judgement replaces the old
 
 
+def test_pairs_that_are_made_again_have_the_figures_of_what_was_judged(
+    root: Path, here: Here
+) -> None:
+    """After a merge, from a backup or by other rules: the figures are derived from the answers."""
+    judged = [(data, [judgement(1, visible="yes")]) for data in items(root.parent / "project")]
+    file, at = exported(root.parent / "e.json", judged), ("--data", str(root))
+    assert here("label", "import", str(file), *at).code == 0
+    whole = (root / "pairs" / "measures.json").read_bytes()
+    shutil.rmtree(root / "pairs")
+    assert here("pairs", *at).code == 0
+    assert (root / "pairs" / "measures.json").read_bytes() == whole
+    assert "one person judged 40 pairs" in _card(root)
+    shutil.move(root / "labels", root.parent / "labels")
+    assert here("pairs", "--again", *at).code == 0
+    assert "Not judged yet" in _card(root)
+    shutil.move(root.parent / "labels", root / "labels")
+    assert here("pairs", *at).code == 0  # which are up to date
+    assert (root / "pairs" / "measures.json").read_bytes() == whole
+
+
 def test_names_of_people_stay_out(root: Path, here: Here) -> None:
     one, two, *_ = items(root.parent / "project")
     person = [(one, [judgement(ANN, visible="yes")]), (two, [judgement(None, visible="no")])]

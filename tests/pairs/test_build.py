@@ -11,7 +11,6 @@ import pytest
 from kb.artifacts import manifest
 from kb.artifacts.makers import make_and_export
 from kb.artifacts.measures import read_measures, write_measure
-from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.errors import FatalError, ProfileError, SettingError
 from kb.core.progress import LineProgress
@@ -118,14 +117,11 @@ def test_transcripts_without_any_keyword_give_an_empty_index(run: Run, make_rows
     assert pq.read_table(shards(none.root / "pairs")).num_rows == 0
 
 
-def test_measures_stay_while_the_rules_of_the_pairs_do(run: Run) -> None:
+def test_measures_are_derived_again_from_what_is_kept(run: Run) -> None:
     make_and_export(run, "pairs")
-    write_measure(run.root, "one", {"n": 1})
+    for section in ("labels", "speech_recognition"):  # of which nothing is kept here
+        write_measure(run.root, section, {"n": 1})
     make_and_export(replace(run, again=True), "pairs")
-    assert read_measures(run.root / "pairs")["one"] == {"n": 1}
-    section = run.profile.section(Pairs).model_copy(update={"min_gap_s": 1.5})
-    other = run.profile.model_copy(update={"pairs": section})
-    make_and_export(replace(run, profile=other), "pairs")
     assert list(read_measures(run.root / "pairs")) == ["pairs"]
 
 

@@ -169,3 +169,27 @@ def test_wrong_usage_is_exit_2(old: Path, tmp_path: Path, words: list[str], said
     given = [word.format(old=old) for word in words]
     done = inprocess.run(["diff", *given], env=clean_environment(), cwd=tmp_path)
     assert (done.code, said in done.said) == (2, True), done.err
+
+
+def test_authors_that_were_hashed_with_another_key_have_not_changed(
+    demo: Path, downloads: Path, tmp_path: Path
+) -> None:
+    root, restored = demo / "data" / "demo", downloads / "release-restored"
+
+    def changed(*sides: Path) -> tuple[list[int], str]:
+        done = inprocess.run(["diff", *sides, "--json"], env=clean_environment(), cwd=tmp_path)
+        by_table = {row["table"]: row["changed"] for row in json.loads(done.out)}
+        return [by_table[name] for name in ("reddit_posts", "reddit_comments")], done.err
+
+    counts, said = changed(root, restored)
+    assert counts == [0, 0]
+    assert "author_hash (hashed with another key)" in said
+    assert "(one side has no values)" in said
+    other = Path(shutil.copytree(root, tmp_path / "other"))  # one author of many is no other key
+    (path,) = (other / "clean" / "reddit" / "posts").glob("*.parquet")
+    posts = pq.read_table(path).to_pylist()
+    next(row for row in posts if row["author_hash"])["author_hash"] = "0" * 32
+    write_table(path, pa.Table.from_pylist(posts, pq.read_schema(path)), "reddit/posts")
+    counts, said = changed(root, other)
+    assert counts == [1, 0]
+    assert "not compared" not in said

@@ -280,6 +280,12 @@ def test_lost_scores_come_back_without_the_films(place: Path, here: Here) -> Non
         assert path.name in here(*asked).said
         assert here("pairs", "--again", *at).code == 0
         assert path.read_bytes() == whole
+    measures = place / "data" / "pairs" / "measures.json"
+    noted = measures.read_bytes()
+    for folder in ("pairs", "films"):
+        shutil.rmtree(place / "data" / folder)
+    assert here("pairs", *at).code == 0
+    assert (path.read_bytes(), measures.read_bytes()) == (whole, noted)
     assert "nobody has judged these clips" in here(*scoring).err
     # Of three judged clips the two most similar show what is named.
     ranked = scores(place).sort_by("similarity")["pair_id"].to_pylist()

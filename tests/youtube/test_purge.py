@@ -1,5 +1,6 @@
 """Purge: what was named or has vanished leaves every folder, and nothing brings it back."""
 
+import json
 import shutil
 import signal
 from collections.abc import Iterator
@@ -84,7 +85,11 @@ def test_named_videos_leave_every_folder_and_stay_away(finished: Job) -> None:
         row["key"]
         for row in job.rows("SELECT key FROM clean.youtube_rejected WHERE stage = 'missing'")
     }
-    summary = job.done("purge", "youtube", "--ids", ids_file(job, *named, "no id"))
+    done = job.kb("purge", "youtube", "--ids", ids_file(job, *named, "no id"), "--json")
+    summary = json.loads(done.stdout.splitlines()[-1])
+    made = [line for line in done.stderr.splitlines() if line.endswith(": removed by a purge")]
+    assert {"clean/youtube", "pairs", "links"} <= {line.partition(":")[0] for line in made}
+    assert "raw/youtube" not in done.stderr  # nor any other input that is what it was
     counted = (summary["purged"], summary["also"], summary["bad_lines"])
     assert counted == (len(named), len(vanished - {*named}), 1)
     for key in (*named, *vanished):

@@ -309,6 +309,7 @@ def _steps_due(run: Run, asked: list[str]) -> dict[str, list[str]]:
     Raises SettingError, FatalError without any, MissingCredential.
     """
     from kb.crawl.job import IMPORTED
+    from kb.crawl.session import replay_unread_answers
     from kb.registry import SOURCES as CLASSES
     from kb.store.layout import Layout
     from kb.store.tables import reading
@@ -319,6 +320,7 @@ def _steps_due(run: Run, asked: list[str]) -> dict[str, list[str]]:
         )
     steps = {}
     for name in SOURCES:
+        replay_unread_answers(run, name, CLASSES[name].connector)
         if not (state := Layout(run.root).state(name)).is_file():
             continue
         with reading.state(state) as frontier:
@@ -343,6 +345,7 @@ def _steps_due(run: Run, asked: list[str]) -> dict[str, list[str]]:
 def _planned_update(run: Run, chosen: Mapping[str, list[str]]) -> Summary:
     """What the crawls and refreshes would ask for, and what a build would make now."""
     from kb.artifacts import freshness
+    from kb.core.summary.plan import PlanPhase
 
     phases: list[dict[str, Any]] = []
     assumed: list[str] = []
@@ -351,7 +354,7 @@ def _planned_update(run: Run, chosen: Mapping[str, list[str]]) -> Summary:
             arguments = _as_before(run, name, step)
             if step.endswith(" import"):
                 paths = sum(len(some) for some in arguments.values() if not isinstance(some, str))
-                phases.append({"phase": f"{step}: folders and files", "items": paths})
+                phases.append(PlanPhase(f"{step}: folders and files", paths)._asdict())
                 continue
             command_: Any = find_command(step.split())
             if "ids" not in arguments:  # of all remaining work

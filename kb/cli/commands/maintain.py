@@ -93,6 +93,7 @@ def refresh_reddit(run: Run, older_than: OlderThan = None, plan: Plan = False) -
 def _refresh(source: SourceDeclaration) -> Callable[..., Summary]:
     def refresh(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summary:
         from kb.crawl.job import crawl_source
+        from kb.crawl.session import replay_unread_answers
         from kb.registry import SOURCES as CLASSES
 
         connector = CLASSES[source.name].connector(run)
@@ -100,6 +101,7 @@ def _refresh(source: SourceDeclaration) -> Callable[..., Summary]:
         connector.refresh(age if older_than is None else older_than)
         command_, kinds = f"refresh {source.name}", [source.refreshed]
         if plan:
+            replay_unread_answers(run, source.name, CLASSES[source.name].connector)
             return connector.plan(command_, kinds)
         return crawl_source(run, source, connector, command_, kinds)
 

@@ -19,7 +19,7 @@ from kb.core.errors import DamagedData, WriterLocked
 from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
 from kb.crawl.job import STOPPED
-from kb.crawl.session import replay_missing_state
+from kb.crawl.session import replay_unread_answers
 from kb.registry import SOURCES as CLASSES
 from kb.schema.tables import tables as declared_tables
 from kb.schema.tables import tables_of
@@ -69,7 +69,7 @@ def overview(run: Run) -> dict[str, Any]:
     """Facts about the data root: by source, disk use in bytes by folder, next commands."""
     catalog = Catalog(run.root)
     if run.profile.path != Path() and not catalog.is_download:
-        _replay_missing_states(run)
+        _replay_unread_answers(run)
     sources = {source: about for source in SOURCES if (about := _source(run, source, catalog))}
     links = _schema_rows(catalog, "links", "links")
     stale = []
@@ -106,10 +106,10 @@ def overview(run: Run) -> dict[str, Any]:
     }
 
 
-def _replay_missing_states(run: Run) -> None:
+def _replay_unread_answers(run: Run) -> None:
     for name, source in CLASSES.items():
         try:
-            replay_missing_state(run, name, source.connector)
+            replay_unread_answers(run, name, source.connector)
         except WriterLocked:
             continue  # another command is at it
         except DamagedData as error:  # what could be read is replayed

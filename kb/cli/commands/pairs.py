@@ -345,16 +345,17 @@ def align(
 def measure(
     run: Run,
     sample: Annotated[
-        int, typer.Option("--sample", min=1, metavar="N", help="Compare at most N videos.")
+        int, typer.Option("--sample", min=1, metavar="N", help="Fetch tracks of at most N videos.")
     ] = 200,
     plan: Plan = False,
 ) -> Summary:
     """Estimate how often speech recognition gets the profile's keywords wrong.
 
     Draws kept videos that have both a manual and an automatic track, fetches the automatic one
-    (three requests per video) and compares the keywords of the two. A larger sample begins with the
-    smaller one; no track is fetched twice. pairs/measures.json gets the shares with their 95 %
-    intervals, and the card of the pairs shows them.
+    (three requests per video) and compares the keywords of the two, also of videos whose track was
+    fetched before. A larger sample begins with the smaller one; no track is fetched twice.
+    pairs/measures.json gets the shares with their 95 % intervals, and the card of the pairs shows
+    them.
 
     Columns: kind of keyword; how often keywords occur in the automatic tracks, in the manual ones
     and at the same time in both; the share of those in automatic tracks that the manual track has

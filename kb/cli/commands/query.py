@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from kb.cli.framework.command import Command, command, group
-from kb.cli.framework.messages import warn_stale
+from kb.cli.framework.messages import show, warn_stale
 from kb.cli.framework.options import Options
 from kb.core.errors import UsageError
 from kb.core.regular_file import read_regular
@@ -266,3 +266,5 @@ def diff(
         else:
             answer = compared.counts().to_reader()
         write_answer(_first(answer, options.limit) if options.limit else answer, chosen, out)
+        if left_out := compared.not_compared():
+            show(left_out, err=True)

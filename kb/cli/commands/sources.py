@@ -93,7 +93,7 @@ def youtube_crawl(
                 "--part has no effect on --plan without --ids",
                 hint="--plan always covers all remaining work; drop --part",
             )
-        _replay_missing_state(run, "youtube")
+        _replay_unread_answers(run, "youtube")
         return estimate(run, ids=ids, part=which)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -237,7 +237,7 @@ def wiki_crawl(
     if plan:
         from kb.wiki.crawl.connector import plan_crawl
 
-        _replay_missing_state(run, "wiki")
+        _replay_unread_answers(run, "wiki")
         return plan_crawl(run, titles)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -305,7 +305,7 @@ def reddit_crawl(
 
     begin, end = parse_span(since, until)
     if plan:
-        _replay_missing_state(run, "reddit")
+        _replay_unread_answers(run, "reddit")
         return plan_crawl(run)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -426,8 +426,8 @@ def reconstruct(
     return rebuild(run, ids or None, place, dumps=dumps or ())
 
 
-def _replay_missing_state(run: Run, source: str) -> None:
-    from kb.crawl.session import replay_missing_state
+def _replay_unread_answers(run: Run, source: str) -> None:
+    from kb.crawl.session import replay_unread_answers
     from kb.registry import SOURCES
 
-    replay_missing_state(run, source, SOURCES[source].connector)
+    replay_unread_answers(run, source, SOURCES[source].connector)

@@ -166,6 +166,7 @@ def app_of(name: str) -> Group:
     ) -> Summary:
         from kb.crawl.job import crawl_source
         from kb.crawl.purge import ids_of
+        from kb.crawl.session import replay_unread_answers
         from kb.registry import SOURCES as CLASSES
 
         connector = CLASSES[name].connector(run)
@@ -175,6 +176,7 @@ def app_of(name: str) -> Group:
         connector.asked = {option: value for option, value in bounds.items() if value}
         command_ = f"{name} crawl"
         if plan:
+            replay_unread_answers(run, name, CLASSES[name].connector)
             return CLASSES[name].plan(run) or connector.plan(command_)
         return crawl_source(run, source, connector, command_)
 

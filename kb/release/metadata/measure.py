@@ -408,13 +408,12 @@ def _times(folder: ReleaseFolder, *names: str) -> Iterator[tuple[Sequence[Path],
 
 
 def _read_times(root: Path, sources: Iterable[str]) -> Iterator[tuple[Sequence[Path], str]]:
-    """When the rows of sources were read, by the first table of each that says so."""
+    """When the rows of sources were read, by their tables that say so."""
     for source in sources:
         for declared in released_tables(source):
             files = Layout(root).rows(declared.name)
             if files and "fetched_at" in declared.names():
                 yield files, "fetched_at"
-                break
 
 
 def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[str, str, int], ...]:

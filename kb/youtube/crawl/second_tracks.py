@@ -71,6 +71,11 @@ def with_both(run: Run) -> set[str]:
     return {key for key, has_both in both.items() if has_both}
 
 
+def has_second_tracks(root: Path) -> bool:
+    """Whether any second track was asked for."""
+    return bool(rawlog.segments(root, "youtube", RAW_SECOND_TRACKS))
+
+
 def not_fetched(root: Path, ids: Iterable[str]) -> list[str]:
     """Those of the videos whose second track is to be asked for: without an answer that is final,
     and not turned down today for want of a PO token.

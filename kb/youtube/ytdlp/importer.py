@@ -102,6 +102,7 @@ class _Import:
     def __init__(self, run: Run, session: CrawlSession) -> None:
         self._run, self._session = run, session
         self._known = KnownAnswers(run.root, _COUNTED)
+        self._imported: defaultdict[str, set[str]] = defaultdict(set)  # ids, by the kind of answer
         self._left_out = ChannelFilter(tombstones.people(run.root, "youtube"))
         self._waiting: list[tuple[str, Envelope]] = []
         self._bytes = 0
@@ -303,12 +304,17 @@ class _Import:
             made = [envelope for of, envelope in self._waiting if of == kind]
             if made:
                 lines = self._session.recorder.record_all(kind, made)
-                self._count(kind, lines)
+                self._count(kind, made, lines)
         self._known.save()
         self._waiting, self._bytes = [], 0
 
-    def _count(self, kind: str, lines: list[bytes]) -> None:
-        self.counts[_COUNTED[kind]] += len(lines)
+    def _count(self, kind: str, made: Sequence[Envelope], lines: list[bytes]) -> None:
+        """Count tracks, and videos and playlists once, however many files are of them."""
+        if kind in (RAW_INFO, RAW_PLAYLISTS):
+            self._imported[kind].update(answer.response["id"] for answer in made)
+            self.counts[_COUNTED[kind]] = len(self._imported[kind])
+        else:
+            self.counts[_COUNTED[kind]] += len(lines)
         if kind != RAW_INFO:
             return
         names = [column.name for column in table("youtube/videos").columns]

@@ -60,6 +60,8 @@ def released_from(
     def edit(name: str, made: list[dict[str, Any]]) -> None:
         for row in made[:own] if name.startswith(f"{source}/") else []:
             row.update({key: what for key, what in value.items() if key in row})
+        if name.startswith("youtube/playlist"):
+            made.clear()
 
     build(root, edit, (source, "pairs") if source == "youtube" else (source,))
     if {"transcripts", "ytdlp_subtitles"} & set(raw):
@@ -124,6 +126,9 @@ IMPORTED = ("ytdlp_info", "ytdlp_subtitles")
 def test_videos(tmp_path: Path, raw: tuple[str, ...], own: int, said: set[str]) -> None:
     found = released_from(tmp_path, "youtube", raw, own, FILE)
     assert_said(found, said)
+    for source in ("youtube", "pairs"):
+        card = (tmp_path / "release" / source / "README.md").read_text()
+        assert re.search(r"^\| Read from the source \| 2026-", card, re.MULTILINE), source
     collection = {one for one in said if one not in (TERMS, LARGE, DELETED)}
     for name, text in texts(tmp_path, "pairs").items():  # how its videos came to be
         assert [one for one in collection if one not in text] == [], name

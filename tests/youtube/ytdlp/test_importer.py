@@ -154,6 +154,16 @@ def test_linked_folders_are_entered_and_links_that_lead_back_are_left_out(job: J
     assert summary["left_out_files"] == {"other_files": ["back", "up"]}
 
 
+def test_a_video_of_several_files_is_one_imported_video(job: Job) -> None:
+    folder = job.place / "videos"
+    for number in (1, 2):
+        write_video(folder / "first", number)
+    (folder / "again.info.json").write_text(json.dumps(info(video_id(1), epoch=1_800_000_000)))
+    summary = job.done("youtube", "import", str(folder))
+    assert (summary["crawled"], summary["files"]) == (2, 5)
+    assert job.done("youtube", "filter")["crawled"] == 2
+
+
 def test_nothing_to_import_is_exit_1_with_the_reason_and_no_folder_is_exit_2(job: Job) -> None:
     folder = job.place / "videos"
     folder.mkdir()
@@ -199,7 +209,8 @@ def test_playlists_give_their_videos(job: Job, with_entries: bool) -> None:
         del playlist["entries"]
     (folder / "A channel [UCchannel].info.json").write_text(json.dumps(playlist))
     summary = job.done("youtube", "import", str(folder))
-    assert (summary["crawled"], summary["playlists"]) == ((2, 2) if with_entries else (0, 1))
+    # Both lists have the id of the channel, and are counted once.
+    assert (summary["crawled"], summary["playlists"]) == ((2, 1) if with_entries else (0, 1))
     assert job.done("youtube", "import", str(folder))["known_files"] == 1
     if with_entries:
         assert job.done("youtube", "filter")["crawled"] == 2
