@@ -13,7 +13,7 @@ from pathlib import Path
 from kb.artifacts import domain_binding
 from kb.core import clock
 from kb.core.context import Run
-from kb.core.errors import TURNED_AWAY, Retryable, WriterLocked
+from kb.core.errors import TURNED_AWAY, DamagedData, Retryable, WriterLocked
 from kb.crawl.connector import Answer, Connector, Opened
 from kb.store import lock
 from kb.store.layout import Layout
@@ -171,8 +171,11 @@ def _is_state_behind(root: Path, source: str) -> bool:
     path = Layout(root).state(source)
     if not path.exists():
         return False
-    with reading.state(path) as frontier:
-        known = frontier.offsets()
+    try:
+        with reading.state(path) as frontier:
+            known = frontier.offsets()
+    except DamagedData:  # whoever needs it says so
+        return False
     return any(
         known.get((path.parent.name, rawlog.base_name(path)), 0) < path.stat().st_size
         for path in rawlog.all_segments(root, source)

@@ -215,7 +215,10 @@ CASES: dict[str, tuple[Callable[[Path], object], str, dict[str, Line]]] = {
 }
 NO_TEXTS = (2, "nothing to search: {at} has no texts of")
 COMMANDS = {
-    "query": ("SELECT count(*) FROM reddit_posts", "--data", "{at}"),
+    "query": (
+        "SELECT count(*), (SELECT count(*) FROM reddit_tombstones) FROM reddit_posts",
+        *("--data", "{at}"),
+    ),
     "restore": ("{at}", "--plan", "--data", "{place}/new"),
     "status": ("--data", "{at}"),
     "search": ("a word", "--data", "{at}"),
