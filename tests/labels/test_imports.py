@@ -13,8 +13,8 @@ from kb.artifacts import release_folder
 from kb.artifacts.measures import read_measures
 from kb.core.context import Run
 from kb.core.progress import Progress
+from kb.labels.agreement import agreement
 from kb.labels.export import export
-from kb.labels.imports import agreement
 from kb.labels.questions import PAIRS
 from kb.query import connect, select
 from kb.release.metadata.quality import pair_quality

@@ -299,7 +299,7 @@ def _answer(
                 messages.show_summary(summary, options.json)
     except typer.Exit as done:
         return done.exit_code, summary or {}
-    except (Exception, KeyboardInterrupt, SystemExit) as error:  # noqa: BLE001  everything ends here
+    except (Exception, KeyboardInterrupt, SystemExit) as error:  # noqa: BLE001  all ends here
         code = report(
             error, debug=options.debug, as_json=options.json, places=_written(options.data)
         )
