@@ -35,10 +35,14 @@ def cluster(tmp_path_factory):
 
 @pytest.fixture
 def kill_a_worker(cluster):
-    """Kills one worker process of the cluster once `when()` is true; Dask starts another."""
+    """Kills one worker process of the cluster once `when()` is true; Dask starts another. One that
+    is killed while it starts is never started again.
+    """
     import os
     import signal
     import threading
+
+    from distributed import Status
 
     killed: list[int] = []
     threads = []
@@ -48,10 +52,14 @@ def kill_a_worker(cluster):
 
         def watch():
             while not end.wait(0.01):
-                if when():
-                    pid = next(nanny.pid for nanny in cluster.workers.values() if nanny.pid)
-                    os.kill(pid, signal.SIGKILL)
-                    killed.append(pid)
+                started = [
+                    nanny.pid
+                    for nanny in cluster.workers.values()
+                    if nanny.process is not None and nanny.process.status == Status.running
+                ]
+                if started and when():
+                    os.kill(started[0], signal.SIGKILL)
+                    killed.append(started[0])
                     return
 
         thread = threading.Thread(target=watch, daemon=True)
