@@ -49,8 +49,8 @@ def is_current(root: Path, source: str, catalog: Catalog | None = None) -> bool:
 
 
 def _is_current(catalog: Catalog, place: Path, source: str) -> bool:
-    made = manifest.read_manifest(place, f"index/{source}")
     name = f"index/{source}"
+    made = manifest.read_manifest(place, name)
     return made is not None and made.inputs == texts.inputs(catalog.path, name, catalog)
 
 

@@ -81,6 +81,10 @@ class ListPhase(Phase):
         entries = inner(response, *self.entries.split("."))
         return entries if isinstance(entries, list) else []
 
+    def params_of(self, page: str) -> dict[str, str]:
+        """The parameters that ask for a page; "" asks for the first one without naming it."""
+        return {**self.params, **({self.page: page} if page else {})}
+
     def next_page(self, page: str, response: Any) -> str:
         """What asks for the page after this one; "" after the last."""
         following = inner(response, *self.following.split("."))
@@ -205,16 +209,15 @@ class JsonLists(Connector):
         get = partial(self.service.get, endpoint=asked.path, service=phase.service)
         if not asked.keyed:
             (item,) = items
-            params = {**asked.params, **({asked.page: item.key} if item.key else {})}
+            params = asked.params_of(item.key)
             yield Answer(phase.kind, asked.path, params, get(asked.path, params))
             return
         prefix = self._prefix(phase.kind)
         for keys in _asked_together([item.key.removeprefix(prefix) for item in items], asked):
             path = asked.path.format(keys=asked.split.join(quote(key, safe="") for key in keys))
-            noted = _noted(keys, asked)
-            page: str | None = None
-            while page != "":
-                params = {**asked.params, **({asked.page: page} if page else {})}
+            noted, page, complete = _noted(keys, asked), "", False
+            while not complete:
+                params = asked.params_of(page)
                 try:
                     response = get(path, params)
                 except ItemFinal as fact:
@@ -222,9 +225,9 @@ class JsonLists(Connector):
                         raise
                     raise Retryable(str(fact)) from None  # of which of them, each by itself says
                 page = asked.next_page(page or asked.first, response)
-                yield Answer(
-                    phase.kind, asked.path, {**params, "keys": noted}, response, complete=not page
-                )
+                complete = not page
+                recorded = {**params, "keys": noted}
+                yield Answer(phase.kind, asked.path, recorded, response, complete=complete)
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """What an answer lists, and which items it has answered."""

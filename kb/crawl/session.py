@@ -177,8 +177,8 @@ def _is_state_behind(root: Path, source: str) -> bool:
     except DamagedData:  # whoever needs it says so
         return False
     return any(
-        known.get((path.parent.name, rawlog.base_name(path)), 0) < path.stat().st_size
-        for path in rawlog.all_segments(root, source)
+        known.get((segment.parent.name, rawlog.base_name(segment)), 0) < segment.stat().st_size
+        for segment in rawlog.all_segments(root, source)
     )
 
 
