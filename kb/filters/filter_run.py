@@ -212,23 +212,25 @@ def _decode(
 ) -> tuple[dict[str, Counter[int]], Counter[str]]:
     rows: dict[str, Counter[int]] = {kind: Counter() for kind, _ in segments}
     unknown: Counter[str] = Counter()
-    tasks = ((job, kind, str(path), place) for place, (kind, path) in enumerate(segments))
+    # The largest first: a large one that begins last would keep one worker when others are done.
+    ordered = sorted(enumerate(segments), key=lambda numbered: -numbered[1][1].stat().st_size)
+    tasks = ((job, kind, str(path), place) for place, (kind, path) in ordered)
     damaged: list[tuple[Path, int]] = []  # segment, and the first byte that can't be read
     try:
         with run.progress.task(
             f"decode {job.source}", total=len(segments), unit="raw files"
         ) as task:
             decoding = map_in_order(executor, decode_segment, tasks, window=executor.window)
-            for (kind, path), done in zip(segments, decoding, strict=True):
+            for (_, (kind, path)), done in zip(ordered, decoding, strict=True):
                 rows[kind].update(done["rows"])
                 unknown.update(done["unknown"])
                 if done["damaged"] is not None:
                     damaged.append((path, done["damaged"]))
                 task.advance(1, rows=sum(counts.total() for counts in rows.values()))
         if damaged:
-            first, at = damaged[0]
+            first, at = min(damaged)
             more = f" (and {len(damaged) - 1:,} more files)" if len(damaged) > 1 else ""
-            paths = [path for path, _ in damaged]
+            paths = [path for path, _ in sorted(damaged)]
             error = DamagedData(f"{first} is damaged at byte {at:,}{more}", paths=paths)
             error.summary = Summary(source=job.source, truncated_files=len(damaged))
             raise error

@@ -37,20 +37,24 @@ def script(name: str, *arguments: object) -> Run:
 
 
 def beside(name: str, ways: dict[str, Run]) -> None:
-    """Run the ways in turn, and print the median of each, and its ratio to the first one's."""
+    """Run the ways in turn, and print the median of each, and its ratio to the first one's; behind
+    that the ratios of the least figures, which other work of the machine changes less.
+    """
     found: dict[str, list[measured.Measured]] = {way: [] for way in ways}
     for _ in range(ROUNDS):
         for way, run in ways.items():
             found[way].append(run())
             assert found[way][-1].code == 0, found[way][-1].said
-    own: tuple[float, ...] = ()
+    own: tuple[list[float], list[float]] | None = None
     for way, runs in found.items():
-        columns = zip(*((one.cpu, one.wall, one.peak) for one in runs), strict=True)
-        figures = tuple(map(statistics.median, columns))
-        own = own or figures
-        line = f"{name:15} {way:14}" + "".join(f"{figure:10,.1f}" for figure in figures)
-        ratios = [mine / theirs for mine, theirs in zip(own, figures, strict=True)]
-        print(line + ("".join(f"{ratio:8.2f}" for ratio in ratios) if figures != own else ""))
+        columns = list(zip(*((run.cpu, run.wall, run.peak) for run in runs), strict=True))
+        medians, least = list(map(statistics.median, columns)), list(map(min, columns))
+        line = f"{name:15} {way:14}" + "".join(f"{median:10,.1f}" for median in medians)
+        for mine, theirs in zip(own or (), (medians, least), strict=False):
+            ratios = [figure / other for figure, other in zip(mine, theirs, strict=True)]
+            line += "  " + "".join(f"{ratio:8.2f}" for ratio in ratios)
+        own = own or (medians, least)
+        print(line)
 
 
 def same(one: str, other: str) -> None:
@@ -65,7 +69,8 @@ def same(one: str, other: str) -> None:
 def bench(tmp_path_factory: pytest.TempPathFactory) -> scale.Bench:
     made = scale.Bench(tmp_path_factory.mktemp("peers"), scale.HERE, SHARE, 2)
     made.prepare(fresh=False)
-    print(f"\nshare {SHARE:g}, 2 workers{'CPU s':>21}{'wall s':>10}{'MiB':>10}  ours / theirs")
+    print(f"\nshare {SHARE:g}, 2 workers, ours / theirs: medians and least of {ROUNDS} runs")
+    print(f"{'':30}{'CPU s':>10}{'wall s':>10}{'MiB':>10}")
     return made
 
 
