@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import duckdb
 
@@ -42,79 +43,114 @@ def asking(
     Raises UsageError where the condition names scores or labels that are not there, or no pair is
     aligned, FatalError without pairs.
     """
-    files = catalog.files("pairs/pairs")
-    if not files:
+    named = {word.lower() for word in re.findall(r"\w+", re.sub(r"'[^']*'", "", where))}
+    of_films = within_shot or aligned is not None or not named.isdisjoint(FIGURES)
+    files = _PairFiles(
+        catalog.files("pairs/pairs"),
+        catalog.files("pairs/quality"),
+        [] if named.isdisjoint(SCORES) else catalog.files("pairs/scores"),
+        catalog.files("films/film_figures") if of_films else [],
+        catalog.files("labels/labels"),
+    )
+    if not files.pairs:
         raise FatalError("there are no pairs", hint="run `kb pairs` first, or --data a release")
-    parquet.verify_files(*files)
-    columns, joins = ["p.*"], [f"{scan(files)} AS p"]
-    if "text" not in parquet.open_file(files[0]).schema_arrow.names:
-        columns.append("NULL::VARCHAR AS text")
-    if quality := catalog.files("pairs/quality"):
-        columns.append(f"q.* EXCLUDE ({', '.join(_both(files[0], quality[0]))})")
-        joins.append(f"LEFT JOIN {scan(quality)} AS q ON q.pair_id = p.pair_id")
-    words = {word.lower() for word in re.findall(r"\w+", re.sub(r"'[^']*'", "", where))}
-    scores = [] if words.isdisjoint(SCORES) else catalog.files("pairs/scores")
-    if scores:
-        columns.append(f"s.* EXCLUDE ({', '.join(_both(files[0], scores[0]))})")
-        joins.append(f"LEFT JOIN {scan(scores)} AS s ON s.pair_id = p.pair_id")
-    named = within_shot or aligned is not None or not words.isdisjoint(FIGURES)
-    figures = catalog.files("films/film_figures") if named else []
-    if figures:
-        # The share of static frames is the same in both tables.
-        known = {*_both(files[0], figures[0]), *(_both(scores[0], figures[0]) if scores else ())}
-        columns.append(f"f.* EXCLUDE ({', '.join(sorted(known))})")
-        joins.append(f"LEFT JOIN {scan(figures)} AS f ON f.pair_id = p.pair_id")
-    labels = catalog.files("labels/labels")
-    if labels:
-        # What most people answered, of equals the last by the alphabet.
-        answers = ", ".join(
-            f"max({{'n': n, 'a': answer}}) FILTER (question = '{question}')['a'] AS {question}"
-            for question in LABELS
-        )
-        columns.append("l.* EXCLUDE (item_id)")
-        joins.append(
-            f"LEFT JOIN (SELECT item_id, {answers} FROM (SELECT item_id, question, answer,"
-            f" count(*) AS n FROM {scan(labels)} WHERE kind = 'pair' GROUP BY ALL)"
-            " GROUP BY item_id) AS l ON l.item_id = p.pair_id"
-        )
-    for names, there, made_by in (
-        (SCORES, [*scores, *figures], "kb pairs score --videos DIR"),
-        (FIGURES, [*scores, *figures], "kb pairs score --videos DIR"),
-        (LABELS, labels, "kb label import FILE"),
+    _require_columns(files, named)
+    asked = _joined(files)
+    if given is not None:
+        asked = _listed_in(given, asked)
+    asked = f"SELECT * FROM ({asked}) WHERE ({where or 'true'})"
+    if within_shot:
+        asked = _within_shots(asked, files.figures)
+    if aligned is not None:
+        asked = _at_aligned_times(asked, aligned, files.figures)
+    return asked
+
+
+class _PairFiles(NamedTuple):
+    """Parquet files by table; none of a table that is not there or not needed."""
+
+    pairs: list[Path]
+    quality: list[Path]
+    scores: list[Path]
+    figures: list[Path]
+    labels: list[Path]
+
+
+def _require_columns(files: _PairFiles, named: set[str]) -> None:
+    """Raise UsageError where a condition names a column whose table is not there."""
+    of_films = [*files.scores, *files.figures]
+    for columns, there, made_by in (
+        ((*SCORES, *FIGURES), of_films, "kb pairs score --videos DIR"),
+        (LABELS, files.labels, "kb label import FILE"),
     ):
-        for name in names:
-            if not there and name in words:
+        for name in columns:
+            if not there and name in named:
                 what = f"--where names {name}, which this data root does not have"
                 raise UsageError(what, hint=f"run `{made_by}` first")
-    asked = f"SELECT {', '.join(columns)} FROM {' '.join(joins)}"
-    if given is not None:
-        with_split = "split" in parquet.open_file(with_ids(given)).schema_arrow.names
-        asked = (
-            f"SELECT a.*{', g.split' if with_split else ''} FROM ({asked}) AS a"
-            f" JOIN {scan([given])} AS g ON g.pair_id = a.pair_id"
-        )
-    if within_shot and not figures:
+
+
+def _joined(files: _PairFiles) -> str:
+    """SQL of pairs with the columns of the other tables, each column once."""
+    parquet.verify_files(*chain.from_iterable(files))
+    known = set(parquet.names(files.pairs[0]))
+    columns, joins = ["p.*"], [f"{scan(files.pairs)} AS p"]
+    if "text" not in known:
+        columns.append("NULL::VARCHAR AS text")
+    for alias, others in (("q", files.quality), ("s", files.scores), ("f", files.figures)):
+        if others:
+            theirs = parquet.names(others[0])
+            both = ", ".join(name for name in theirs if name in known)
+            columns.append(f"{alias}.* EXCLUDE ({both})")
+            joins.append(f"LEFT JOIN {scan(others)} AS {alias} ON {alias}.pair_id = p.pair_id")
+            known.update(theirs)
+    if files.labels:
+        columns.append("l.* EXCLUDE (item_id)")
+        joins.append(f"LEFT JOIN ({_answers(files.labels)}) AS l ON l.item_id = p.pair_id")
+    return f"SELECT {', '.join(columns)} FROM {' '.join(joins)}"
+
+
+def _answers(labels: list[Path]) -> str:
+    """SQL of what most people answered of each pair, of equals the last by the alphabet."""
+    answers = ", ".join(
+        f"max({{'n': n, 'a': answer}}) FILTER (question = '{question}')['a'] AS {question}"
+        for question in LABELS
+    )
+    return (
+        f"SELECT item_id, {answers} FROM (SELECT item_id, question, answer, count(*) AS n"
+        f" FROM {scan(labels)} WHERE kind = 'pair' GROUP BY ALL) GROUP BY item_id"
+    )
+
+
+def _listed_in(given: Path, asked: str) -> str:
+    """SQL of the pairs that a file lists, and of its column `split` where it has one."""
+    split = ", g.split" if "split" in parquet.names(with_ids(given)) else ""
+    parquet.verify_files(given)
+    listed = f"JOIN {scan([given])} AS g ON g.pair_id = a.pair_id"
+    return f"SELECT a.*{split} FROM ({asked}) AS a {listed}"
+
+
+def _within_shots(asked: str, figures: list[Path]) -> str:
+    """SQL of the pairs whose film was seen, with the stretch without a cut as the clip."""
+    if not figures:
         raise UsageError(
             "no film was seen yet, so it is not known where its cuts are",
             hint="run `kb pairs score --videos DIR` first",
         )
-    asked = f"SELECT * FROM ({asked}) WHERE ({where or 'true'})"
-    if within_shot:
-        asked = (
-            "SELECT * REPLACE (cut_free_start_s AS clip_start_s, cut_free_end_s AS clip_end_s)"
-            f" FROM ({asked}) WHERE cuts IS NOT NULL"
-        )
-    if aligned is not None:
-        if not (figures and _is_aligned(figures)):
-            raise UsageError(
-                "no pair is aligned with its film yet", hint="run `kb pairs align` first"
-            )
-        start, end = (
-            f"CASE WHEN alignable >= {aligned!r} THEN aligned_{side}_s END AS clip_{side}_s"
-            for side in ("start", "end")
-        )
-        asked = f"SELECT * REPLACE ({start}, {end}) FROM ({asked})"
-    return asked
+    return (
+        "SELECT * REPLACE (cut_free_start_s AS clip_start_s, cut_free_end_s AS clip_end_s)"
+        f" FROM ({asked}) WHERE cuts IS NOT NULL"
+    )
+
+
+def _at_aligned_times(asked: str, least: float, figures: list[Path]) -> str:
+    """SQL of the pairs with aligned times as the clip where `alignable` is at least so much."""
+    if not (figures and _is_aligned(figures)):
+        raise UsageError("no pair is aligned with its film yet", hint="run `kb pairs align` first")
+    start, end = (
+        f"CASE WHEN alignable >= {least!r} THEN aligned_{side}_s END AS clip_{side}_s"
+        for side in ("start", "end")
+    )
+    return f"SELECT * REPLACE ({start}, {end}) FROM ({asked})"
 
 
 def _is_aligned(figures: list[Path]) -> bool:
@@ -152,9 +188,3 @@ def checked(con: duckdb.DuckDBPyConnection, asked: str, where: str) -> str:
             hint="write a condition on the columns of pairs and quality, such as language = 'en'",
         ) from None
     return asked
-
-
-def _both(first: Path, other: Path) -> list[str]:
-    """The columns that two files have."""
-    mine, theirs = (parquet.open_file(path).schema_arrow.names for path in (first, other))
-    return [name for name in theirs if name in mine]
