@@ -30,9 +30,3 @@ def demo_texts() -> list[str]:
         found.append(" ".join(html.unescape(bare).split()))
     storable = [re.sub("[\0\ud800-\udfff]", "\ufffd", text) for text in found if text]
     return list(dict.fromkeys(storable))
-
-
-def kinds_in(text: str) -> set[str]:
-    """The kinds of phrases of the word lists that stand in the text as whole words."""
-    said = " " + " ".join(_WORD.findall(text.lower())) + " "
-    return {kind for kind, phrases in KINDS.items() if any(f" {one} " in said for one in phrases)}

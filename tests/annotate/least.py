@@ -9,7 +9,6 @@ ONNX Runtime asks the processor itself and has no switch.
 """
 
 import json
-import os
 import sys
 from pathlib import Path
 
@@ -32,7 +31,6 @@ LIMITS = {
     "NPY_DISABLE_CPU_FEATURES": _features(),
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-AVX512F,-FMA,-FMA4,-BMI2",
 }
-LEAST = {**os.environ, **LIMITS, "OMP_WAIT_POLICY": "PASSIVE"}  # two threads that don't spin
 
 
 def scores(checkpoint_path: str, texts: list[str]) -> dict[str, list]:

@@ -11,15 +11,6 @@ from kb.core.config.settings import load_settings
 from kb.store.checkpoint import Checkpoint, find_checkpoint, sha256_of
 
 ORIGINAL = ("toxic", "severe_toxic", "obscene", "threat", "insult", "identity_hate")
-UNBIASED = (
-    "toxicity",
-    "severe_toxicity",
-    "obscene",
-    "identity_attack",
-    "insult",
-    "threat",
-    "sexual_explicit",
-)
 SENTENCE = (
     "you are a stupid idiot shut up how to build a house in minecraft with redstone pistons"
     " and hoppers hello there creeper"

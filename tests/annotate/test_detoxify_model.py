@@ -13,8 +13,19 @@ from kb.annotate.inference import batches, largest, padded_length, windows
 from kb.annotate.scores import CATEGORIES, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
 from kb.core.errors import MissingModel
-from tests.annotate.made import UNBIASED, WORDS, checkpoint_of, make_checkpoint
+from tests.annotate.made import WORDS, checkpoint_of, make_checkpoint
 from tests.conftest import needs
+
+UNBIASED = (
+    "toxicity",
+    "severe_toxicity",
+    "obscene",
+    "identity_attack",
+    "insult",
+    "threat",
+    "sexual_explicit",
+)
+
 
 needs("torch", "detoxify")
 

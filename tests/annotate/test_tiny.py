@@ -10,8 +10,15 @@ from hypothesis import strategies as st
 from kb.annotate import backends
 from kb.core import clock
 from kb.sandbox.world import World
-from tests.annotate.demo_texts import KINDS, WORDS, demo_texts, kinds_in
+from tests.annotate.demo_texts import _WORD, KINDS, WORDS, demo_texts
 from tests.conftest import ROOT
+
+
+def kinds_in(text: str) -> set[str]:
+    """The kinds of phrases of the word lists that stand in the text as whole words."""
+    said = " " + " ".join(_WORD.findall(text.lower())) + " "
+    return {kind for kind, phrases in KINDS.items() if any(f" {one} " in said for one in phrases)}
+
 
 PHRASES = [phrase for phrases in KINDS.values() for phrase in phrases]
 KIND = {"obscene": 2, "threat": 3, "insult": 4, "identity": 5}  # its place among the classes

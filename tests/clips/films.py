@@ -1,6 +1,5 @@
 """Films whose frames carry their number as sixteen bars, black for 0 and white for 1."""
 
-import struct
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -64,15 +63,3 @@ def film(
         out.mux(stream.encode(None))
     step = (ticks[-1] - ticks[-2]) * base
     return Film(path, [tick * base for tick in ticks], step)
-
-
-def turned(path: Path, degrees: int) -> None:
-    """Write a display matrix into an mp4 that turns its picture clockwise by 90 or 180 degrees."""
-    data = bytearray(path.read_bytes())
-    at = data.index(b"tkhd") + 4
-    matrix = at + (40 if data[at] == 0 else 52)
-    one, none, w = 1 << 16, 0, 1 << 30
-    values = {90: (none, one, none, -one, none), 180: (-one, none, none, none, -one)}[degrees]
-    a, b, u, c, d = values
-    data[matrix : matrix + 36] = struct.pack(">9i", a, b, u, c, d, 0, 0, 0, w)
-    path.write_bytes(bytes(data))

@@ -1,6 +1,7 @@
 """The frame shown at a time, in films whose frames carry their number."""
 
 import random
+import struct
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -12,7 +13,20 @@ import pytest
 from kb.clips.clip_sources import cut
 from kb.clips.film_lookup import candidates
 from kb.clips.frames import UndecodableVideo, frames_at
-from tests.clips.films import Film, bars, film, number_of, turned
+from tests.clips.films import Film, bars, film, number_of
+
+
+def turned(path: Path, degrees: int) -> None:
+    """Write a display matrix into an mp4 that turns its picture clockwise by 90 or 180 degrees."""
+    data = bytearray(path.read_bytes())
+    at = data.index(b"tkhd") + 4
+    matrix = at + (40 if data[at] == 0 else 52)
+    one, none, w = 1 << 16, 0, 1 << 30
+    values = {90: (none, one, none, -one, none), 180: (-one, none, none, none, -one)}[degrees]
+    a, b, u, c, d = values
+    data[matrix : matrix + 36] = struct.pack(">9i", a, b, u, c, d, 0, 0, 0, w)
+    path.write_bytes(bytes(data))
+
 
 OPTIONS = {
     "libx264": {"preset": "veryfast", "bf": "3"},

@@ -18,12 +18,19 @@ from kb.core.errors import (
 )
 from kb.crawl.connector import Answer, Phase
 from kb.crawl.job import work
+from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 from tests import processes
 from tests.crawl.feed import NOTES, PAGES, FeedConnector
-from tests.crawl.runs import crawl, summary, texts
+from tests.crawl.runs import crawl, summary
 from tests.crawl.service import Service, serving
+
+
+def texts(root: Path) -> list[str]:
+    """The notes in the raw log, in the order in which they came."""
+    return [each.response["text"] for each in rawlog.envelopes(root, "feed", "notes")]
+
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -1,6 +1,8 @@
 """Tests of `kb.crawl.phase_scheduler`."""
 
 import threading
+import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -10,8 +12,15 @@ from kb.core.context import Run
 from kb.core.errors import Blocked
 from kb.crawl.job import work
 from tests.crawl.feed import NOTES, PAGES, FeedConnector
-from tests.crawl.runs import crawl, summary, wait_until
+from tests.crawl.runs import crawl, summary
 from tests.crawl.service import Service
+
+
+def wait_until(what: Callable[[], bool], seconds: float = 1.0) -> None:
+    """Until it is so; no longer than some time, as it need not come true."""
+    end = time.monotonic() + seconds
+    while not what() and time.monotonic() < end:
+        time.sleep(0.01)
 
 
 def test_after_a_block_one_request_finds_out(run: Run, service: Service) -> None:

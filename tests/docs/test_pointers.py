@@ -41,7 +41,7 @@ class Names(NamedTuple):
             if attribute not in self.classes.get(owner, {attribute}):
                 yield f"{owner}.{attribute}"
         for word in re.findall(r"`(\w*(?:_|[a-z][A-Z])\w*)`", prose):
-            if word not in self.words | OTHERS:
+            if word not in self.words and word not in OTHERS:
                 yield word
 
     def _is_importable(self, dotted: str) -> bool:
@@ -61,9 +61,9 @@ def _words_of(node: ast.AST) -> Iterator[str]:
         yield from re.findall(r"\w+", node.value)
 
 
-def _docstrings(tree: ast.Module) -> list[ast.Constant]:
+def _docstrings(tree: ast.Module) -> set[ast.Constant]:
     """Docstrings, and strings that stand below a constant or a field."""
-    return [
+    return {
         line.value
         for node in ast.walk(tree)
         if isinstance(node, _DOCUMENTED)
@@ -71,7 +71,7 @@ def _docstrings(tree: ast.Module) -> list[ast.Constant]:
         if isinstance(line, ast.Expr)
         and isinstance(line.value, ast.Constant)
         and isinstance(line.value.value, str)
-    ]
+    }
 
 
 @cache

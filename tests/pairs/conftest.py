@@ -9,9 +9,8 @@ from kb.core.config.profile import load_profile
 from kb.core.config.profile.products import Pairs
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.pairs.extract import Tools, make_tools, pairs_of
+from kb.pairs.extract import Tools, make_tools
 from kb.pairs.keywords import NEVER, Keyword, Keywords, make_keywords
-from kb.pairs.transcript_batch import Text
 from kb.schema import table
 from tests.pairs.made import PHRASES, fill, tables
 
@@ -75,14 +74,6 @@ def transcripts(*videos: tuple[str, str, list]) -> pa.Table:
         for name, kind, cues in videos
     ]
     return pa.Table.from_pylist(rows, table("youtube/transcripts").arrow())
-
-
-def rows_of(tools: Tools, rows: pa.Table, lengths: list | None = None) -> list[dict]:
-    """Pairs of a batch, sorted as they are written."""
-    made = pairs_of(Text(rows, pa.array(lengths, pa.float64()) if lengths else None), tools).rows
-    return sorted(
-        made.to_pylist(), key=lambda row: (row["video_id"], row["clip_start_s"], row["pair_id"])
-    )
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,22 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from kb.pairs.clip_tokens import ENDS, Tokens
-from kb.pairs.extract import pairs_of
+from kb.pairs.extract import Tools, pairs_of
 from kb.pairs.matching import phrase
 from kb.pairs.transcript_batch import Text
 from kb.schema import conform
-from tests.pairs.conftest import rows_of, transcripts
+from tests.pairs.conftest import transcripts
 from tests.pairs.reference import joined
 from tests.pairs.test_matching import _PARTS
+
+
+def rows_of(tools: Tools, rows: pa.Table, lengths: list | None = None) -> list[dict]:
+    """Pairs of a batch, sorted as they are written."""
+    made = pairs_of(Text(rows, pa.array(lengths, pa.float64()) if lengths else None), tools).rows
+    return sorted(
+        made.to_pylist(), key=lambda row: (row["video_id"], row["clip_start_s"], row["pair_id"])
+    )
+
 
 # No shrinking: a failing example is printed as it is, where making it small takes longer than
 # reading it.

@@ -3,9 +3,7 @@
 import gzip
 import json
 import random
-import signal
 import struct
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +12,8 @@ import zstandard
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.reddit.crawl.importer import import_dumps
-from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse import answers as parse
 from kb.store.rawlog import rawlog
-from tests import processes
 
 
 def run_in(root, **options):
@@ -86,19 +81,6 @@ import_file(ImportJob(sys.argv[2], sys.argv[1], "Minecraft", 0.0, float("inf"), 
 """
 
 
-def import_killed(root, dump, segments):
-    """Import a dump, killed each time that there are so many `segments`, then to its end."""
-    folder = rawlog.folder(root, "reddit", "dumps")
-    for number in segments:
-        child = processes.program(_IMPORT, dump, root)
-        while child.poll() is None and len(list(folder.glob("*.zst"))) < number:
-            time.sleep(0.001)
-        child.send_signal(signal.SIGKILL)
-        assert child.wait() in (0, -signal.SIGKILL), child.output()
-    job = ImportJob(str(root), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
-    assert import_file(job).done
-
-
 def zstd(data: bytes) -> bytes:
     """Two frames."""
     half = data.find(b"\n", len(data) // 2) + 1
@@ -130,10 +112,6 @@ def block(rows: list[bytes]) -> bytes:
     return struct.pack("<I", len(made)) + made
 
 
-def joined(records: list[Any], end: bytes = b"\n") -> bytes:
-    return b"".join(json.dumps(record).encode() + end for record in records)
-
-
 def records(number: int, size: int = 40) -> list[dict[str, Any]]:
     chance = random.Random(number).randbytes(size * number)
     return [
@@ -144,10 +122,6 @@ def records(number: int, size: int = 40) -> list[dict[str, Any]]:
         )
         for n in range(number)
     ]
-
-
-def took(root: Path, files: list[Path], **options: Any) -> dict[str, Any]:
-    return import_dumps(run_in(root, **options), files)
 
 
 def imported_rows(root):

@@ -5,36 +5,10 @@ import os
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 KIND = "tmpfs"
-
-
-class Takes:
-    """An unbuffered file that takes `room` bytes more and none after that, as on a disk that fills
-    up: a write that finds some room takes that part, and the next one fails.
-    """
-
-    def __init__(self, file: Any, room: int, *, cuts: bool = True) -> None:
-        self._file, self._room, self._cuts = file, room, cuts
-
-    def write(self, data: bytes) -> int:
-        if not self._room:
-            raise OSError(28, os.strerror(28))
-        written: int = self._file.write(data[: self._room])
-        self._room -= written
-        return written
-
-    def truncate(self, size: int) -> int:
-        if not self._cuts:
-            raise OSError(5, os.strerror(5))
-        cut: int = self._file.truncate(size)
-        return cut
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._file, name)
 
 
 class SmallDisk:

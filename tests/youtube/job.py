@@ -94,8 +94,10 @@ class Job:
     def rows(self, sql: str) -> list[dict[str, Any]]:
         """The answer of `kb query`, asked in this process."""
         from kb import query
+        from kb.query.statements import views_needed
 
-        with query.connect(self.root) as db:
+        needed = views_needed(sql, query.find_views(self.root))
+        with query.connect(self.root, needed) as db:
             return query.select(db, sql).read_all().to_pylist()
 
     def released(self) -> list[dict[str, Any]]:

@@ -6,7 +6,9 @@ import io
 import json
 import lzma
 import random
+import signal
 import struct
+import time
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -22,24 +24,45 @@ from kb.reddit.dumps import files
 from kb.reddit.dumps.cursor import cursors
 from kb.reddit.dumps.files import DEEPEST, ReadProgress, memory
 from kb.reddit.dumps.find_dumps import find_dumps
+from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.store.rawlog import rawlog
 from kb.store.tables.checksums import digest
+from tests import processes
 from tests.reddit.dumped import (
+    _IMPORT,
     archived,
     block,
     blocks,
     frame,
-    import_killed,
     imported,
-    joined,
     members,
     post,
     records,
     run_in,
-    took,
     write,
     zstd,
 )
+
+
+def took(root: Path, files: list[Path], **options: Any) -> dict[str, Any]:
+    return import_dumps(run_in(root, **options), files)
+
+
+def joined(records: list[Any], end: bytes = b"\n") -> bytes:
+    return b"".join(json.dumps(record).encode() + end for record in records)
+
+
+def import_killed(root, dump, segments):
+    """Import a dump, killed each time that there are so many `segments`, then to its end."""
+    folder = rawlog.folder(root, "reddit", "dumps")
+    for number in segments:
+        child = processes.program(_IMPORT, dump, root)
+        while child.poll() is None and len(list(folder.glob("*.zst"))) < number:
+            time.sleep(0.001)
+        child.send_signal(signal.SIGKILL)
+        assert child.wait() in (0, -signal.SIGKILL), child.output()
+    job = ImportJob(str(root), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
+    assert import_file(job).done
 
 
 def zipped(data: bytes) -> bytes:

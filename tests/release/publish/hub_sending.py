@@ -2,10 +2,8 @@
 its own.
 """
 
-import hashlib
 import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,37 +53,3 @@ def summary(done: Done) -> dict[str, Any]:
     """The last line on stdout of a command with --json."""
     assert done.code == 0, done.err
     return json.loads(done.out.splitlines()[-1])
-
-
-def on_disk(root: Path, folders: Sequence[str] = ()) -> dict[str, str]:
-    """File of release/ → SHA-256."""
-    release = root / "release"
-    return {
-        path.relative_to(release).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in release.glob("*/*")
-        if path.is_file() and (not folders or path.parent.name in folders)
-    }
-
-
-def at_hub(repository: Repository) -> dict[str, str]:
-    """File in a folder of the newest revision → SHA-256."""
-    return {
-        path: hashlib.sha256(file.data).hexdigest()
-        for path, file in repository.head.files.items()
-        if "/" in path
-    }
-
-
-def stored(service: Sandbox, since: int = 0) -> list[str]:
-    """Objects that arrived at the hub, by SHA-256."""
-    return [
-        one.path.rpartition("/")[2]
-        for one in service.ledger.requests("/info/lfs/objects/", since=since)
-        if one.method == "PUT" and one.status == 200
-    ]
-
-
-def changes(service: Sandbox, since: int) -> list[str]:
-    """Requests that are no reading."""
-    seen = service.ledger.requests(since=since)
-    return [f"{one.method} {one.path}" for one in seen if one.method not in ("GET", "HEAD")]

@@ -25,11 +25,3 @@ def send(
     endpoint = service if isinstance(service, str) else service.servers["zenodo"].url
     run = a_run(root, kb_zenodo_endpoint=endpoint, zenodo_token=token)
     return publish(run, to, only=[only] if only else None, **options)
-
-
-def puts(service: Sandbox) -> list[str]:
-    return [
-        seen.path.rpartition("/")[2]
-        for seen in service.ledger.requests("/api/files/")
-        if seen.method == "PUT"
-    ]

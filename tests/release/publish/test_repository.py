@@ -1,10 +1,12 @@
 """A release in one repository of the hub: the real client, a real process, loopback."""
 
+import hashlib
 import json
 import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,20 +23,51 @@ from tests.release.conftest import a_run
 from tests.release.made import build
 from tests.release.publish.hub_sending import (
     REPO,
-    at_hub,
-    changes,
     command,
     environment,
     held,
     kb,
-    on_disk,
     publish,
     store,
-    stored,
     summary,
 )
-from tests.services.hub.repository import git_blob
+from tests.services.hub.repository import Repository, git_blob
 from tests.services.hub.service import STRANGER, TOKEN
+
+
+def stored(service: Sandbox, since: int = 0) -> list[str]:
+    """Objects that arrived at the hub, by SHA-256."""
+    return [
+        one.path.rpartition("/")[2]
+        for one in service.ledger.requests("/info/lfs/objects/", since=since)
+        if one.method == "PUT" and one.status == 200
+    ]
+
+
+def on_disk(root: Path, folders: Sequence[str] = ()) -> dict[str, str]:
+    """File of release/ → SHA-256."""
+    release = root / "release"
+    return {
+        path.relative_to(release).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in release.glob("*/*")
+        if path.is_file() and (not folders or path.parent.name in folders)
+    }
+
+
+def changes(service: Sandbox, since: int) -> list[str]:
+    """Requests that are no reading."""
+    seen = service.ledger.requests(since=since)
+    return [f"{one.method} {one.path}" for one in seen if one.method not in ("GET", "HEAD")]
+
+
+def at_hub(repository: Repository) -> dict[str, str]:
+    """File in a folder of the newest revision → SHA-256."""
+    return {
+        path: hashlib.sha256(file.data).hexdigest()
+        for path, file in repository.head.files.items()
+        if "/" in path
+    }
+
 
 TO = ("release", "publish", "--to", "huggingface")
 

@@ -22,9 +22,17 @@ from tests.faults import Sandbox
 from tests.recipes import release
 from tests.release.conftest import a_run
 from tests.release.made import build
-from tests.release.publish.sending import puts, send, store
+from tests.release.publish.sending import send, store
 from tests.release.signed import LINES, signed
 from tests.services.zenodo import TOKEN
+
+
+def puts(service: Sandbox) -> list[str]:
+    return [
+        seen.path.rpartition("/")[2]
+        for seen in service.ledger.requests("/api/files/")
+        if seen.method == "PUT"
+    ]
 
 
 def test_a_plan_counts_what_is_not_uploaded_yet_and_sends_nothing(

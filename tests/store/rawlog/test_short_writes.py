@@ -1,5 +1,6 @@
 """A disk that fills up takes a part of what is written, of which nothing stays."""
 
+import os
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,7 +13,33 @@ from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
 from kb.store.rawlog.recorder import Recorder, recover
 from kb.store.state.frontier import Frontier
-from tests.store.full import SmallDisk, Takes
+from tests.store.full import SmallDisk
+
+
+class Takes:
+    """An unbuffered file that takes `room` bytes more and none after that, as on a disk that fills
+    up: a write that finds some room takes that part, and the next one fails.
+    """
+
+    def __init__(self, file: Any, room: int, *, cuts: bool = True) -> None:
+        self._file, self._room, self._cuts = file, room, cuts
+
+    def write(self, data: bytes) -> int:
+        if not self._room:
+            raise OSError(28, os.strerror(28))
+        written: int = self._file.write(data[: self._room])
+        self._room -= written
+        return written
+
+    def truncate(self, size: int) -> int:
+        if not self._cuts:
+            raise OSError(5, os.strerror(5))
+        cut: int = self._file.truncate(size)
+        return cut
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
 
 WHEN = "2026-11-20T12:00:00Z"
 

@@ -8,7 +8,6 @@ import json
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.sax.saxutils import escape as xml
 
 
 class Line(NamedTuple):
@@ -49,16 +48,6 @@ def spoken(*texts: str, start: int = 320, word_ms: int = 240, pause_after: int =
             Line(starts[number], end - starts[number], list(zip(offsets, spaced, strict=True)))
         )
     return lines
-
-
-def plain(lines: list[Line]) -> str:
-    """What the crawl's client reads: `fmt` left out."""
-    body = "".join(
-        f'<text start="{line.start / 1000:g}" dur="{line.length / 1000:g}">'
-        f"{xml(escape(line.text))}</text>"
-        for line in lines
-    )
-    return f'<?xml version="1.0" encoding="utf-8" ?><transcript>{body}</transcript>'
 
 
 def srv3(lines: list[Line], *, automatic: bool) -> str:

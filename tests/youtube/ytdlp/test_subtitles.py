@@ -2,12 +2,24 @@
 
 import json
 from html import escape
+from xml.sax.saxutils import escape as xml
 
 import pytest
 from youtube_transcript_api._transcripts import _TranscriptParser
 
 from kb.youtube.ytdlp import subtitles
-from tests.youtube.ytdlp.folder import FORMS, Line, plain, spoken, vtt
+from tests.youtube.ytdlp.folder import FORMS, Line, spoken, vtt
+
+
+def plain(lines: list[Line]) -> str:
+    """What the crawl's client reads: `fmt` left out."""
+    body = "".join(
+        f'<text start="{line.start / 1000:g}" dur="{line.length / 1000:g}">'
+        f"{xml(escape(line.text))}</text>"
+        for line in lines
+    )
+    return f'<?xml version="1.0" encoding="utf-8" ?><transcript>{body}</transcript>'
+
 
 AUTOMATIC = {
     "flowing": spoken("we're no strangers to", "love you know the rules", "and so do I", "a full"),

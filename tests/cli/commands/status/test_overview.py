@@ -4,13 +4,19 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.summary import Summary, phrases
+from kb.sandbox.world import World
 from kb.store.lock import writer
 from kb.store.state.frontier import Frontier
 from tests.cli.commands.status.conftest import fill, status
 from tests.faults import Sandbox
-from tests.small_worlds import ITEMS, small_world
+from tests.small_worlds import ITEMS
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import write_video
+
+
+def small_world() -> World:
+    """A world with every source, crawled in seconds."""
+    return World(n_channels=9, n_videos=60, n_posts=24, width=120, depth=24)
 
 
 def test_progress_quota_age_and_disk(kb: Any, root: Path) -> None:
