@@ -2,6 +2,7 @@
 it passes.
 """
 
+import hashlib
 import re
 import shutil
 import sys
@@ -119,11 +120,15 @@ def tables_in(value: dict[Any, Any]) -> bool:
 
 @pytest.fixture
 def trace(here: Here, tmp_path: Path) -> Trace:
-    """One of two videos, from its raw line to release/youtube."""
+    """One of 50 videos, from its raw line to release/youtube."""
     root = tmp_path / "root"
-    ids = (FOLLOWED, "another0001")
-    put(root, "videos", (MONDAY, {"id": ",".join(ids)}, listing(*map(video, ids))))
-    put(root, "transcripts", *map(transcript, ids))
+    ids = (FOLLOWED, *(f"another{number:04}" for number in range(1, 50)))
+    # More bytes than the transcripts have, as the largest raw file is read first.
+    described = (
+        video(key, snippet__description=hashlib.sha512(key.encode()).hexdigest()) for key in ids
+    )
+    put(root, "videos", (MONDAY, {"id": ",".join(ids)}, listing(*described)))
+    put(root, "transcripts", *map(transcript, ids[:2]))
     shutil.copytree(folder("profiles") / "minecraft", tmp_path / "profile")
     profile = tmp_path / "profile" / "profile.toml"
     text = profile.read_text(encoding="utf-8")
