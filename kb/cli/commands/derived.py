@@ -144,9 +144,10 @@ PrecisionOption = Annotated[
     Precision | None,
     typer.Option(
         "--precision",
-        help="bf16 and int8 are faster; scores near the threshold are computed again in fp32, and"
-        " the precision is recorded with each score. Existing scores of a lower precision than"
-        " this are computed again. [default: fp32 for new scores]",
+        help="int8 is faster, and bf16 where the GPU or processor has instructions for it; scores"
+        " near the threshold are computed again in fp32, and the precision is recorded with each"
+        " score. Existing scores of a lower precision than this are computed again."
+        " [default: fp32 for new scores]",
     ),
 ]
 
