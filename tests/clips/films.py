@@ -1,14 +1,17 @@
 """Films whose frames carry their number as sixteen bars, black for 0 and white for 1."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
+from functools import wraps
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, ParamSpec, TypeVar
 
 import av
 import numpy as np
 
 BARS = 16
+P, T = ParamSpec("P"), TypeVar("T")
 
 
 class Film(NamedTuple):
@@ -17,6 +20,21 @@ class Film(NamedTuple):
     path: Path
     times: list[Fraction]
     last_s: Fraction  # how long the last frame is shown
+
+
+def in_own_thread(write: Callable[P, T]) -> Callable[P, T]:
+    """The function, run in a thread that ends with it.
+
+    As root, SVT-AV1 gives the thread that opens it a real-time priority, which every process that
+    this thread starts later inherits: two of Chromium's then kept both cores for minutes.
+    """
+
+    @wraps(write)
+    def run(*args: P.args, **options: P.kwargs) -> T:
+        with ThreadPoolExecutor(1) as thread:
+            return thread.submit(write, *args, **options).result()
+
+    return run
 
 
 def bars(number: int, width: int, height: int) -> np.ndarray:
@@ -34,6 +52,7 @@ def number_of(image: np.ndarray) -> int:
     return sum(int(row[x] > 127) << bit for bit, x in enumerate(middles))
 
 
+@in_own_thread
 def film(
     path: Path,
     codec: str,

@@ -9,6 +9,8 @@ import av
 import cv2
 import numpy as np
 
+from tests.clips.films import in_own_thread
+
 WIDTH, HEIGHT = 320, 180
 KINDS = ("cut", "dissolve", "fade", "flash", "menu", "pause", "turn")
 _WIDE = 3  # pictures that a scene is wide
@@ -133,6 +135,7 @@ class Planted:
             yield self._step(speed)
 
 
+@in_own_thread
 def write_planted(path: Path, planted: Planted, rate: int, codec: str) -> None:
     """Write its frames as a film."""
     fast = {
