@@ -40,7 +40,8 @@ TO_RELEASE = (  # what lies between raw data and release/
 
 class Stage(NamedTuple):
     """One command. `waits`: it is ended when it sends its first request. `codes`: how it may end
-    (the release is looked through and then refused, as no text has a score).
+    (a release, also one that a purge makes again, is looked through and then refused, as no text
+    has a score).
     """
 
     name: str
@@ -51,6 +52,9 @@ class Stage(NamedTuple):
 
 STAGES = (
     Stage("reddit import", ("reddit", "import", "DUMPS")),
+    # The state of a crawl, made again from raw data alone; what follows finds it there.
+    Stage("replay youtube", ("refresh", "youtube"), waits=True),
+    Stage("replay reddit", ("refresh", "reddit"), waits=True),
     Stage("youtube filter", ("youtube", "filter")),
     Stage("youtube export", ("youtube", "export")),
     Stage("reddit filter", ("reddit", "filter")),
@@ -60,16 +64,13 @@ STAGES = (
     Stage("pairs", ("pairs",)),
     Stage("release", ("release",), codes=(0, 1)),
     *(Stage(f"{one} text", (one, "export", "--format", "text")) for one in scale_raw.SOURCES),
-    # The first one makes the state again, from raw data alone; the next one finds it there.
-    Stage("replay youtube", ("refresh", "youtube"), waits=True),
-    Stage("replay reddit", ("refresh", "reddit"), waits=True),
     Stage("refresh youtube", ("refresh", "youtube"), waits=True),
     Stage("refresh reddit", ("refresh", "reddit"), waits=True),
     # What the services had shown as removed goes first; then a hundred ids that somebody names.
-    Stage("gone youtube", ("purge", "youtube")),
-    Stage("gone reddit", ("purge", "reddit")),
-    Stage("purge youtube", ("purge", "youtube", "--ids", "IDS")),
-    Stage("purge reddit", ("purge", "reddit", "--ids", "IDS")),
+    Stage("gone youtube", ("purge", "youtube"), codes=(0, 1)),
+    Stage("gone reddit", ("purge", "reddit"), codes=(0, 1)),
+    Stage("purge youtube", ("purge", "youtube", "--ids", "IDS"), codes=(0, 1)),
+    Stage("purge reddit", ("purge", "reddit", "--ids", "IDS"), codes=(0, 1)),
     Stage("report", ("report",)),  # last, as a purge would write one that is there again
 )
 _TODAY, _LATER = "2026-11-22T12:00:00Z", "2027-11-22T12:00:00Z"  # then all is due to be refreshed
