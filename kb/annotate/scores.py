@@ -136,16 +136,21 @@ class Scores:
         Raises DiskFull.
         """
         place = [list(classes).index(name) if name in classes else None for name in CATEGORIES]
+        columns: dict[str, Any] = {
+            name: pa.array([None if n is None else row[n] for row in scores], pa.float32())
+            for name, n in zip(CATEGORIES, place, strict=True)
+        }
+        columns["precision"] = pa.array(precisions, pa.string())
+        return self.add(pa.array(hashes, pa.string()), pa.table(columns))
+
+    def add(self, hashes: pa.Array[Any], scored: pa.Table) -> Path:
+        """Add texts with their `CATEGORIES` and `precision` as the next part. Raises DiskFull."""
         rows = pa.table(
             {
-                "text_hash": pa.array(hashes, pa.string()),
-                "model": pa.array([self.model] * len(hashes), pa.string()),
-                "revision": pa.array([self.revision] * len(hashes), pa.string()),
-                "precision": pa.array(precisions, pa.string()),
-                **{
-                    name: pa.array([None if n is None else row[n] for row in scores], pa.float32())
-                    for name, n in zip(CATEGORIES, place, strict=True)
-                },
+                "text_hash": hashes,
+                "model": pa.repeat(pa.scalar(self.model), len(hashes)),
+                "revision": pa.repeat(pa.scalar(self.revision), len(hashes)),
+                **{name: scored[name] for name in ("precision", *CATEGORIES)},
             }
         )
         folder = Path(self.folder)

@@ -4,8 +4,9 @@
     scorer.annotate(batches of texts)          scores each distinct text once, resumable
     scorer.lookup(text_hashes(texts))          the scores of a column of texts
 
-Equal texts are scored once, by their hash, in this run and in all later ones. A reduced precision
-is only used when asked for; a score within its reach of the threshold is computed again in fp32.
+Equal texts are scored once, by their hash, in this run and in all later ones, and also where they
+belong to several sources, each of which keeps a copy of the score. A reduced precision is only used
+when asked for; a score within its reach of the threshold is computed again in fp32.
 
 Texts are scored and written in chunks. A chunk is what a stop waits for and what is lost at worst,
 so it takes some seconds, whatever the model; large ones are scored faster, because texts of one
@@ -16,7 +17,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -25,13 +27,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.annotate.backends import REACH, check_options, choose_device, open_runner, prepare
-from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
+from kb.annotate.scores import CATEGORIES, PRECISIONS, Scores, text_hashes, unscored
 from kb.artifacts import manifest, score_files
 from kb.artifacts.freshness import MODEL
 from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import LimitReached, MissingExtra, MissingModel
+from kb.core.errors import DamagedData, LimitReached, MissingExtra, MissingModel
+from kb.core.sources import SOURCES
 from kb.store.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.store.layout import Layout, parquet_files
 
@@ -130,7 +133,8 @@ class ToxicityScorer:
         self, batches: Iterable[Any], task: Any, part: tuple[int, int]
     ) -> AnnotationCounts:
         assert self.scores is not None
-        chunks = Chunks(self.scores, self.threshold, self.run.limit, task, self.least, part)
+        rule = ScoreRule(self.threshold, self.least, self.precision)
+        chunks = Chunks(self.scores, rule, self.run.limit, task, part, self._of_other_sources())
         assert self.checkpoint is not None
         local = self.run.engine == "local"
         threads = self.run.workers if local else 0
@@ -167,6 +171,12 @@ class ToxicityScorer:
                 f"--limit: {scored} texts scored", hint="run the same command to resume"
             )
         return AnnotationCounts(chunks.texts, scored, chunks.texts - scored, exact)
+
+    def _of_other_sources(self) -> list[Scores]:
+        assert self.scores is not None
+        layout = Layout(self.run.root)
+        folders = [layout.annotations(name) for name in SOURCES if name != self.source]
+        return [replace(self.scores, folder=str(each)) for each in folders if each.is_dir()]
 
 
 def model_key(run: Run, source: str) -> str:
@@ -229,26 +239,36 @@ def scores(
     return known.lookup(text_hashes(texts)).select(CATEGORIES)
 
 
+class ScoreRule(NamedTuple):
+    """Which stored scores count: those of this source that have at least the precision `least`, and
+    those of others that have `precision`; of both no reduced one near `threshold`.
+    """
+
+    threshold: float | None = None
+    least: str | None = None
+    precision: str = PRECISIONS[0]
+
+
 class Chunks:
     """Distinct unscored texts in the order they come, in memory that the number of texts doesn't
     change.
 
-    What has a score is asked for a look-up at a time; what was given out is remembered until
-    `written`.
+    What has a score is asked for a look-up at a time, and added here where only `others` have it;
+    what was given out is remembered until `written`.
     `texts`: how many came by, equal ones of one look-up counted once.
     """
 
     def __init__(
         self,
         scores: Scores,
-        threshold: float | None,
+        rule: ScoreRule,
         limit: int | None,
         task: Any,
-        least: str | None = None,
         part: tuple[int, int] = (1, 1),
+        others: Sequence[Scores] = (),
     ) -> None:
-        self._scores, self._threshold, self._limit, self._task = scores, threshold, limit, task
-        self._least, (self._number, self._parts) = least, part
+        self._scores, self._rule, self._limit, self._task = scores, rule, limit, task
+        self._others, (self._number, self._parts) = others, part
         self._given: set[str] = set()
         self._part = FIRST
         self.texts = 0
@@ -290,11 +310,7 @@ class Chunks:
     def _unscored(self, batches: Iterable[Any]) -> Iterable[tuple[str, str]]:
         for texts in self._lookups(batches):
             self.texts += len(texts)
-            hashes = pa.array(texts, pa.string())
-            missing = cast(
-                "list[bool]",
-                self._scores.missing(hashes, self._threshold, REACH, self._least).to_pylist(),
-            )
+            missing = cast("list[bool]", self._missing(pa.array(texts, pa.string())).to_pylist())
             self._task.advance(len(missing) - sum(missing))
             for (key, text), wanted in zip(texts.items(), missing, strict=True):
                 if not wanted:
@@ -304,6 +320,23 @@ class Chunks:
                     continue
                 self._given.add(key)
                 yield key, text
+
+    def _missing(self, hashes: pa.Array[Any]) -> pa.Array[Any]:
+        """True for each hash to be scored, after what other sources have was added."""
+        rule = self._rule
+        wanted = self._scores.missing(hashes, rule.threshold, REACH, rule.least)
+        for other in self._others:
+            if not len(lacking := hashes.filter(wanted)):
+                break
+            # A source that is damaged, or whose scores are just united, has none: its own commands
+            # tell of damage.
+            with suppress(DamagedData, FileNotFoundError):
+                lacks = other.missing(lacking, rule.threshold, REACH, rule.precision)
+                there = lacking.filter(pc.invert(lacks))
+                if len(there):
+                    self._scores.add(there, other.lookup(there))
+                    wanted = pc.and_(wanted, pc.invert(pc.is_in(hashes, value_set=there)))
+        return wanted
 
     def _lookups(self, batches: Iterable[Any]) -> Iterable[dict[str, str]]:
         """Texts that are not empty by their hashes, as many as are looked up at once."""

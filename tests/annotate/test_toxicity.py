@@ -1,5 +1,7 @@
 """Scores of texts: the numbers of Detoxify, each text once, kept by text, model and precision."""
 
+import shutil
+
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -127,6 +129,36 @@ def test_equal_texts_far_apart_are_scored_once_too(make_run, monkeypatch):
     )
     assert seen == ["a", "b", "c", "d", "e", "f"]
     assert (counts.texts, counts.scored, counts.known) == (10, 6, 4)
+
+
+def test_a_text_of_two_sources_is_scored_once_and_each_keeps_its_score(make_run):
+    run = make_run()
+    ToxicityScorer.open(run, "reddit").annotate([TEXTS])
+    counts = ToxicityScorer.open(run, "youtube").annotate([[*TEXTS[:5], "the video alone"]])
+    assert (counts.texts, counts.scored, counts.known) == (6, 1, 5)
+    hashes = text_hashes(pa.array(TEXTS[:5]))
+    scores = ToxicityScorer.open(run, "reddit").lookup(hashes)
+    assert scores["toxicity"].null_count == 0
+    shutil.rmtree(run.root / "annotations/reddit")  # a purge of one leaves the other's
+    assert ToxicityScorer.open(run, "youtube").lookup(hashes).equals(scores)
+
+
+@pytest.mark.parametrize("precision", [None, "int8"])
+def test_a_score_of_another_source_that_does_not_do_is_made_here(make_run, precision):
+    """One that can't be read, and one of a lower precision."""
+    run, hashes = make_run(), text_hashes(pa.array(TEXTS))
+    ToxicityScorer.open(run, "reddit", precision).annotate([TEXTS])
+    usable = (
+        ToxicityScorer.open(run, "reddit").lookup(hashes)["precision"].to_pylist().count("fp32")
+    )
+    if precision is None:
+        path = run.root / "annotations/reddit/toxicity.parquet"
+        path.write_bytes(path.read_bytes()[:-100])
+        usable = 0
+    counts = ToxicityScorer.open(run, "youtube").annotate([TEXTS])
+    assert counts.scored == len(TEXTS) - usable
+    found = ToxicityScorer.open(run, "youtube").lookup(hashes)
+    assert set(found["precision"].to_pylist()) == {"fp32"}
 
 
 def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, reference):
@@ -291,7 +323,7 @@ def test_a_chunk_grows_and_shrinks_with_the_time_it_takes(tmp_path):
     ones.
     """
     scores = Scores(str(tmp_path), "m", "r")
-    given = toxicity.Chunks(scores, None, None, Task())
+    given = toxicity.Chunks(scores, toxicity.ScoreRule(), None, Task())
     sizes = []
     seconds = iter([0.1] * 6 + [60.0] * 4 + [4.0] * 100)
     for hashes, texts in given.of([[f"text {n}" for n in range(9000)]]):
@@ -302,7 +334,7 @@ def test_a_chunk_grows_and_shrinks_with_the_time_it_takes(tmp_path):
     assert sizes[:6] == [32, 64, 128, 256, 512, 1024]
     assert sizes[7:10] == [512, 256, 128]
     assert set(sizes[10:-1]) == {64}
-    long = toxicity.Chunks(scores, None, None, Task())
+    long = toxicity.Chunks(scores, toxicity.ScoreRule(), None, Task())
     first, _ = next(iter(long.of([["x" * 10_000 + str(n) for n in range(20)]])))
     assert len(first) == 4, "characters count too"
 
