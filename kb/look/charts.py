@@ -13,7 +13,7 @@ import itertools
 import logging
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from typing import Any
@@ -57,8 +57,6 @@ _LONGEST = 26  # letters of a label
 SIXTIETHS = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600)
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _YEARS = (12, 24, 60, 120, 240, 600, 1200)  # in months
-# What a font in a PDF needs (ISO 32000-1, 9.9): outlines, widths, hints.
-_IN_PDF = {"glyf", "head", "hhea", "hmtx", "loca", "maxp", "cvt ", "fpgm", "prep"}
 _RULES: dict[str, Any] = {
     "font.family": FONT,
     "font.size": 10,
@@ -270,7 +268,7 @@ class SavedSheet:
     def __getitem__(self, kind: str) -> bytes:
         if kind not in self._files:
             file = io.BytesIO()
-            with applied(), _letters_alone() if kind == "pdf" else contextlib.nullcontext():
+            with applied():
                 self._sheet.savefig(file, format=kind, dpi=self._pixels, **FORMATS[kind])
             self._files[kind] = file.getvalue()
         return self._files[kind]
@@ -364,30 +362,6 @@ def _placed(sheet: Any, pixels: int) -> None:
     sheet.set_dpi(pixels)
     sheet.get_layout_engine().execute(sheet)
     sheet.set_layout_engine(None)
-
-
-@contextlib.contextmanager
-def _letters_alone() -> Iterator[None]:
-    """The fonts of PDFs are outlines and widths alone, whatever else their files hold.
-
-    matplotlib has no setting for it: for each figure it would cut down tables for the placing and
-    naming of letters, which takes most of the time of a PDF, and which no reader of one asks for.
-    """
-    from fontTools import subset
-
-    load = subset.load_font
-
-    def bare(*args: Any, **options: Any) -> Any:
-        font = load(*args, **options)
-        for tag in set(font.keys()) - _IN_PDF - {"GlyphOrder"}:
-            del font[tag]
-        return font
-
-    subset.load_font = bare
-    try:
-        yield
-    finally:
-        subset.load_font = load
 
 
 def shortened(text: str, most: int) -> str:
