@@ -74,36 +74,9 @@ class Scores:
             ).to_arrow_table()
         return rows.cast(_SCHEMA)
 
-    def missing(
-        self,
-        hashes: pa.Array[Any],
-        threshold: float | None = None,
-        reach: dict[str, float] | None = None,
-        least: str | None = None,
-    ) -> pa.Array[Any]:
-        """True for each hash to be scored: it has no score, or a reduced one within reach of the
-        threshold.
-
-        `least`: a score of a lower precision than this one counts as none.
-        """
-        known = self.lookup(hashes)
-        wanted = pc.is_null(known["precision"])
-        if threshold is not None and reach:
-            top = pc.max_element_wise(*(known[name] for name in CATEGORIES))
-            for precision, distance in reach.items():
-                if distance:
-                    near = pc.less_equal(
-                        pc.abs(pc.subtract(top, pa.scalar(threshold, pa.float32()))),
-                        pa.scalar(distance, pa.float32()),
-                    )
-                    wanted = pc.or_(
-                        wanted,
-                        pc.fill_null(pc.and_(pc.equal(known["precision"], precision), near), False),
-                    )
-        for precision in PRECISIONS[PRECISIONS.index(least) + 1 :] if least else ():
-            wanted = pc.or_(wanted, pc.fill_null(pc.equal(known["precision"], precision), False))
-        mask: pa.Array[Any] | pa.ChunkedArray[Any] = pc.and_(wanted, pc.is_valid(hashes))
-        return mask.combine_chunks() if isinstance(mask, pa.ChunkedArray) else mask
+    def missing(self, hashes: pa.Array[Any]) -> pa.Array[Any]:
+        """True for each hash without a score; false for null."""
+        return pc.and_(to_score(self.lookup(hashes)), pc.is_valid(hashes))
 
     def precisions(self) -> dict[str, int]:
         """How many texts have a score in each precision."""
@@ -141,9 +114,9 @@ class Scores:
             for name, n in zip(CATEGORIES, place, strict=True)
         }
         columns["precision"] = pa.array(precisions, pa.string())
-        return self.add(pa.array(hashes, pa.string()), pa.table(columns))
+        return self.add_part(pa.array(hashes, pa.string()), pa.table(columns))
 
-    def add(self, hashes: pa.Array[Any], scored: pa.Table) -> Path:
+    def add_part(self, hashes: pa.Array[Any], scored: pa.Table) -> Path:
         """Add texts with their `CATEGORIES` and `precision` as the next part. Raises DiskFull."""
         rows = pa.table(
             {
@@ -184,6 +157,35 @@ class Scores:
             for path in parquet_files(Path(self.folder), score_files.PARTS)
         ]
         return 1 + max((int(match.group(1)) for match in numbers if match), default=-1)
+
+
+def to_score(
+    known: pa.Table,
+    threshold: float | None = None,
+    reach: dict[str, float] | None = None,
+    least: str | None = None,
+) -> pa.Array[Any]:
+    """True for each row of `Scores.lookup` without a score, or with a reduced one within reach of
+    the threshold.
+
+    `least`: a score of a lower precision than this one counts as none.
+    """
+    wanted = pc.is_null(known["precision"])
+    if threshold is not None and reach:
+        top = pc.max_element_wise(*(known[name] for name in CATEGORIES))
+        for precision, distance in reach.items():
+            if distance:
+                near = pc.less_equal(
+                    pc.abs(pc.subtract(top, pa.scalar(threshold, pa.float32()))),
+                    pa.scalar(distance, pa.float32()),
+                )
+                wanted = pc.or_(
+                    wanted,
+                    pc.fill_null(pc.and_(pc.equal(known["precision"], precision), near), False),
+                )
+    for precision in PRECISIONS[PRECISIONS.index(least) + 1 :] if least else ():
+        wanted = pc.or_(wanted, pc.fill_null(pc.equal(known["precision"], precision), False))
+    return wanted.combine_chunks() if isinstance(wanted, pa.ChunkedArray) else wanted
 
 
 def unscored(size: int) -> pa.Table:

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -27,7 +26,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.annotate.backends import REACH, check_options, choose_device, open_runner, prepare
-from kb.annotate.scores import CATEGORIES, PRECISIONS, Scores, text_hashes, unscored
+from kb.annotate.scores import (
+    CATEGORIES,
+    PRECISIONS,
+    Scores,
+    text_hashes,
+    to_score,
+    unscored,
+)
 from kb.artifacts import manifest, score_files
 from kb.artifacts.freshness import MODEL
 from kb.core import clock, signals
@@ -324,18 +330,19 @@ class Chunks:
     def _missing(self, hashes: pa.Array[Any]) -> pa.Array[Any]:
         """True for each hash to be scored, after what other sources have was added."""
         rule = self._rule
-        wanted = self._scores.missing(hashes, rule.threshold, REACH, rule.least)
+        wanted = to_score(self._scores.lookup(hashes), rule.threshold, REACH, rule.least)
         for other in self._others:
             if not len(lacking := hashes.filter(wanted)):
                 break
-            # A source that is damaged, or whose scores are just united, has none: its own commands
-            # tell of damage.
-            with suppress(DamagedData, FileNotFoundError):
-                lacks = other.missing(lacking, rule.threshold, REACH, rule.precision)
-                there = lacking.filter(pc.invert(lacks))
-                if len(there):
-                    self._scores.add(there, other.lookup(there))
-                    wanted = pc.and_(wanted, pc.invert(pc.is_in(hashes, value_set=there)))
+            try:
+                known = other.lookup(lacking)
+            except (DamagedData, FileNotFoundError):
+                # Damaged, which its own commands tell, or just united by a run of its own.
+                continue
+            fit = pc.invert(to_score(known, rule.threshold, REACH, rule.precision))
+            if len(there := lacking.filter(fit)):
+                self._scores.add_part(there, known.filter(fit))
+                wanted = pc.and_(wanted, pc.invert(pc.is_in(hashes, value_set=there)))
         return wanted
 
     def _lookups(self, batches: Iterable[Any]) -> Iterable[dict[str, str]]:
