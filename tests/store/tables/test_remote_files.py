@@ -76,23 +76,14 @@ def test_files_are_verified_and_pages_as_they_are_read(
         rows.to_table()
 
 
-def test_blocks_are_kept_only_in_a_folder_that_the_address_names(
-    server: S3Server, address: str, tmp_path: Path
+@pytest.mark.parametrize("cache", ["blockcache", "cached", "filecache", "simplecache"])
+def test_a_cache_that_threads_can_not_share_is_refused(
+    server: S3Server, address: str, cache: str, tmp_path: Path
 ) -> None:
-    cache = tmp_path / "blocks"
-    options = {
-        "s3": server.options(),
-        "blockcache": {"cache_storage": str(cache), "skip_instance_cache": True},
-    }
-    answered = []
-    for _ in range(2):
-        (one,) = remote_folders(f"blockcache::{address}", options)
-        before = server.answered
-        found = one.dataset(SHARDS).to_table(filter=pc.field("post_id") == "k0000007")
-        assert found.num_rows == 1
-        answered.append(server.answered - before)
-    assert answered[1] < answered[0]
-    assert any(cache.iterdir())
+    options = {"s3": server.options(), cache: {"cache_storage": str(tmp_path / "kept")}}
+    with pytest.raises(SettingError, match=rf"^{cache}::s3://.* by the threads"):
+        remote_folders(f"{cache}::{address}", options)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_errors_name_the_address(
