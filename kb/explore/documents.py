@@ -209,54 +209,69 @@ def _thread(
     tables: CurrentTables, place: SourceLocation, page: DocumentPage, mark: Marker, every_part: bool
 ) -> DocumentPage:
     """A post with all its comments, those that were not kept among them, as a tree."""
-    page.kind, source, opened = "thread", place.source, OpenTables([tables.catalog])
+    page.kind, opened = "thread", OpenTables([tables.catalog])
     post_id, comment_id = place.key, place.at
     if place.key.startswith("t1_"):
-        post_id, comment_id = _post_of(tables, opened, source, place.key), place.key[3:]
+        post_id, comment_id = _post_of(tables, opened, place.source, place.key), place.key[3:]
         if not post_id:
-            verdict = _verdict(tables, source, place.key)
+            verdict = _verdict(tables, place.source, place.key)
             if verdict is None:
                 raise UsageError(f"unknown comment {place.key[:40]!r}", hint="Rows lists them")
             return _left_out(place, page, mark, *verdict)
-    page.address, page.title = SOURCES[source].url_of(post_id), f"Post {post_id}"
-    rejected = _rejected_comments(tables, source, post_id)
-    nodes: dict[str, ThreadNode] = {}
-    if (verdict := _verdict(tables, source, f"t3_{post_id}")) is not None:
-        page.verdict, row = verdict
-        page.title = row.get("title") or page.title
-        post = ThreadNode(
-            "", "post", page.address, mark(row.get("text") or ""), why=verdict[0].line
-        )
-    elif (thread := _thread_of(opened, post_id, required=not rejected)) is None:
-        post = ThreadNode("", "post", page.address, [], why="unknown: no service returned it")
-    else:
-        page.title = thread.title or page.title
-        page.facts = _facts(source, thread.post)
-        post = ThreadNode("", "post", page.address, mark(_words(thread.body, thread.missing)))
-        for _, comment in thread.walk():
-            node = _kept_comment(page.address, comment, mark)
-            nodes[f"t1_{comment.comment_id}"] = node
-    for row in rejected:
-        why, text = _verdict_of("rejected", row).line, mark(row.get("text") or "")
-        key = row["key"][3:]
-        address = f"{page.address}_/{key}/"
-        nodes[row["key"]] = ThreadNode(key, "comment", address, text, row["parent_id"], why=why)
-    parents = {name: node.parent for name, node in nodes.items()}
+    page.address, page.title = SOURCES[place.source].url_of(post_id), f"Post {post_id}"
+    rejected = _rejected_comments(tables, place.source, post_id)
+    post, kept = _post_and_comments(
+        tables, opened, page, place.source, post_id, mark, required=not rejected
+    )
+    comments = kept | {row["key"]: _rejected_comment(page.address, row, mark) for row in rejected}
+    parents = {name: node.parent for name, node in comments.items()}
     order = threads.reading_order(parents, f"t3_{post_id}")
     page.nodes = [
         post,
-        *(replace(nodes[name], level=min(level + 1, _DEEPEST)) for level, name in order),
+        *(replace(comments[name], level=min(level + 1, _DEEPEST)) for level, name in order),
     ]
     keys = [node.key for node in page.nodes]
     if comment_id not in keys:
         raise UsageError(
-            f"post {post_id} has no comment {comment_id[:40]!r}", hint=f"open {source}:{post_id}"
+            f"post {post_id} has no comment {comment_id[:40]!r}",
+            hint=f"open {place.source}:{post_id}",
         )
     page.here = keys.index(comment_id)
     nearest = outward(page.here, len(keys))
     page.shown = sorted({0, *(nearest if every_part else nearest[:_MOST_NODES])})
     page.all = "" if len(page.shown) == len(keys) else page.all
     return page
+
+
+def _post_and_comments(
+    tables: CurrentTables,
+    opened: OpenTables,
+    page: DocumentPage,
+    source: str,
+    post_id: str,
+    mark: Marker,
+    *,
+    required: bool,
+) -> tuple[ThreadNode, dict[str, ThreadNode]]:
+    """The post and, by full name, its kept comments; a post that was not kept has none. The page
+    takes the post's title, facts and verdict.
+    """
+    if (verdict := _verdict(tables, source, f"t3_{post_id}")) is not None:
+        page.verdict, row = verdict
+        page.title = row.get("title") or page.title
+        text, why = mark(row.get("text") or ""), page.verdict.line
+        return ThreadNode("", "post", page.address, text, why=why), {}
+    thread = _thread_of(opened, post_id, required=required)
+    if thread is None:
+        why = "unknown: no service returned it"
+        return ThreadNode("", "post", page.address, [], why=why), {}
+    page.title = thread.title or page.title
+    page.facts = _facts(source, thread.post)
+    post = ThreadNode("", "post", page.address, mark(_words(thread.body, thread.missing)))
+    return post, {
+        f"t1_{comment.comment_id}": _kept_comment(page.address, comment, mark)
+        for _, comment in thread.walk()
+    }
 
 
 def _thread_of(opened: OpenTables, post_id: str, *, required: bool) -> threads.Thread | None:
@@ -280,6 +295,13 @@ def _kept_comment(post_url: str, comment: threads.ThreadComment, mark: Marker) -
         mark(_words(comment.body, comment.missing)),
         comment.parent_id,
     )
+
+
+def _rejected_comment(post_url: str, row: Mapping[str, Any], mark: Marker) -> ThreadNode:
+    comment_id, text = row["key"][3:], mark(row.get("text") or "")
+    why = _verdict_of("rejected", row).line
+    url = f"{post_url}_/{comment_id}/"
+    return ThreadNode(comment_id, "comment", url, text, row["parent_id"], why=why)
 
 
 def _post_of(tables: CurrentTables, opened: OpenTables, source: str, fullname: str) -> str:

@@ -178,13 +178,18 @@ def check(
         summary["findings"] = [finding._asdict() for finding in findings]
         summary["hits"] = tried.hits
     show_summary(summary, options.json)
-    offline = any(
-        finding.level == ERROR and not finding.file.startswith("online") for finding in findings
-    )
-    codes = {code for _, _, code in tried.answers} | ({2} if offline else set())
-    for code in (2, 1, 4, 3):  # the worst first
-        if code in codes:
-            raise typer.Exit(code)
+    if code := _exit_code(findings, tried):
+        raise typer.Exit(code)
+
+
+def _exit_code(findings: list[Finding], tried: _Tried) -> int:
+    """2 for an error in the profile, else that of the service with the worst answer, else 0."""
+    from kb.core.config.section import ERROR
+
+    codes = {code for _, _, code in tried.answers}
+    if any(found.level == ERROR and not found.file.startswith("online") for found in findings):
+        return 2
+    return next((code for code in (2, 1, 4, 3) if code in codes), 0)  # the worst first
 
 
 class _Tried(NamedTuple):
