@@ -40,7 +40,7 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.store import lock
-from kb.store.artifact_registry import ARTIFACTS, RELEASE, Artifact, artifact_of
+from kb.store.artifact_registry import ARTIFACTS, RELEASE, artifact_of
 from kb.store.atomic import remove_path, write_bytes
 from kb.store.damage import read_note
 from kb.store.layout import BELOW, Layout
@@ -365,29 +365,17 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
     if purge.dry:
         for name in names:
             if not ARTIFACTS[name].tables and name != RELEASE:
-                yield count_files(root, ARTIFACTS[name])
+                folder = ARTIFACTS[name].folder(root)
+                files = [folder] if folder.is_file() else files_below(folder, root, strict=False)
+                yield PurgeLine(name, "files, made again", sum(1 for _ in files))
         return
     for name in selected_from(root, rules.source):
         freshness.note_purged(purge.run, name)
-    note, linked = purge.note, list[Path]()
-    note.keys = purge.keys | purge.absent
-    for name in names:
-        artifact = ARTIFACTS[name]
-        made = Manifest(name) if artifact.folder(root).exists() and name != RELEASE else None
-        with suppress(DamagedData):  # then nobody knows how it was made
-            made = manifest.read_manifest(root, name) or made
-        if made is not None:
-            note.manifests[name] = manifest.without_files(made)
-            linked += _behind_links(artifact.folder(root), made.files)
-        for file in artifact.kept_files:
-            if (path := artifact.folder(root) / file).is_file():
-                note.files[f"{name}/{file}"] = path.read_text(encoding="utf-8")
-    _write_note(purge.keys_file, note)
-    for place in linked:
+    for place in _note_derived(purge, names):
         place.unlink(missing_ok=True)
     for name in names:
-        if ARTIFACTS[name].public and name in note.manifests:
-            manifest.write_vacant(root, note.manifests[name])
+        if ARTIFACTS[name].public and name in purge.note.manifests:
+            manifest.write_vacant(root, purge.note.manifests[name])
         if name != RELEASE:  # what it wrote lies in the folders of the others
             remove_path(ARTIFACTS[name].folder(root))
     for name in ARTIFACTS:
@@ -396,17 +384,35 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
             index.remove(root, own)  # one in the user's cache as well
 
 
-def _behind_links(folder: Path, files: Iterable[str]) -> list[Path]:
-    """Those of an artifact's files that lie elsewhere, as a folder in it was moved to another disk
-    and is a link now: they do not go with the folder.
+def _note_derived(purge: Purge, names: Iterable[str]) -> list[Path]:
+    """Write down how artifacts that are about to go were made and what of them is kept; those of
+    their files that lie elsewhere, as a folder was moved to another disk and is a link now.
     """
-    here, places = folder.resolve(), [(folder / file).resolve() for file in files]
-    return [place for place in places if not place.is_relative_to(here)]
+    note, root, linked = purge.note, purge.root, list[Path]()
+    note.keys = purge.keys | purge.absent
+    for name in names:
+        artifact = ARTIFACTS[name]
+        made = Manifest(name) if artifact.folder(root).exists() and name != RELEASE else None
+        with suppress(DamagedData):  # then nobody knows how it was made
+            made = manifest.read_manifest(root, name) or made
+        if made is not None:
+            note.manifests[name] = manifest.without_files(made)
+            here = artifact.folder(root).resolve()
+            linked += [
+                place
+                for file in made.files
+                if not (place := (here / file).resolve()).is_relative_to(here)
+            ]
+        for file in artifact.kept_files:
+            if (path := artifact.folder(root) / file).is_file():
+                note.files[f"{name}/{file}"] = path.read_text(encoding="utf-8")
+    _write_note(purge.keys_file, note)
+    return linked
 
 
 def kept(purge: Purge) -> Iterator[PurgeLine]:
     """Rows of tables that can't be made again."""
-    locations = [one for one in purge.rules.rows if not _is_derived(one)]
+    locations = [place for place in purge.rules.rows if not _is_derived(place)]
     chosen = selected_from(purge.root, purge.rules.source)
     locations += locations_in(chosen)
     if purge.dry:
@@ -440,10 +446,3 @@ def state(purge: Purge) -> None:
         purge.frontier.remove(kind, purge.keys)
     if purge.rules.forget:
         purge.rules.forget(purge)
-
-
-def count_files(root: Path, artifact: Artifact) -> PurgeLine:
-    """A line for an artifact without tables, whose files are made again."""
-    folder = artifact.folder(root)
-    files = [folder] if folder.is_file() else files_below(folder, root, strict=False)
-    return PurgeLine(artifact.name, "files, made again", sum(1 for _ in files))

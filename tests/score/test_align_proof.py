@@ -10,9 +10,6 @@ from tests.conftest import needs
 
 needs("av", "cv2", "scenedetect", "torch", "transformers")
 
-import cv2  # noqa: E402
-from transformers import CLIPConfig, CLIPModel  # noqa: E402
-
 from kb.core.installation import torch  # noqa: E402
 from kb.pairs.clip_tokens import token_ids  # noqa: E402
 from kb.sandbox.youtube.films import drawn, timeline, write_film  # noqa: E402
@@ -26,7 +23,11 @@ FILMS, MENTIONS, EVERY_S = 8, 12, 45
 STEPS, SIDE = 200, 64
 
 
-def small_clip() -> CLIPModel:
+def trained(path: Path) -> Path:
+    """A model that has seen the pictures of all names, among them nothing, and read of them."""
+    import cv2
+    from transformers import CLIPConfig, CLIPModel  # every test process would load them for seconds
+
     torch.manual_seed(0)
     part = {
         "hidden_size": 64,
@@ -36,12 +37,8 @@ def small_clip() -> CLIPModel:
     }
     text = {**part, "eos_token_id": 49_407}
     vision = {**part, "image_size": SIDE, "patch_size": 16}
-    return CLIPModel(CLIPConfig(text_config=text, vision_config=vision, projection_dim=64))
-
-
-def trained(path: Path) -> Path:
-    """A model that has seen the pictures of all names, among them nothing, and read of them."""
-    model, rng = small_clip(), random.Random(0)
+    model = CLIPModel(CLIPConfig(text_config=text, vision_config=vision, projection_dim=64))
+    rng = random.Random(0)
     mean, std = (
         torch.tensor(values).view(3, 1, 1)
         for values in ((0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711))

@@ -77,7 +77,6 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     """The demo without some steps, in a world of this size (n_channels …; kb.sandbox.world)."""
     began = time.monotonic()
     _say(options, _WHAT)
-    from kb.artifacts.data_roots import is_root
     from kb.cli.commands.profile_files import refuse
     from kb.core.config.profile import DEFAULT, load_profile
     from kb.core.config.settings import DECLARED, load_settings
@@ -86,7 +85,6 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     from kb.sandbox.server import Sandbox
     from kb.sandbox.wiki.generated import PAGES
     from kb.sandbox.world import World
-    from kb.store.state import demo_mark
 
     for name in set(DECLARED.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
@@ -104,22 +102,8 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
         os.environ |= settings  # worker processes read them too
         for place in (data, root):
             options.check_root(place, named=named)
-        mark = demo_mark.read_mark(root)
-        if mark is None and is_root(root):
-            raise UsageError(
-                f"{root} holds data that no demo has made", hint="name another folder with --data"
-            )
-        if mark is not None and mark.finished:
-            _remove(root)
-        demo_mark.write_mark(root, finished=False)
-        # In so small a world one process is done before others have imported what they need.
-        single = 1 if options.engine == "local" else None
-        run = replace(options, workers=options.workers or single).make_run(dotenv=False)
-        run = replace(run, asked=options.workers is not None)
-        if "KB_TOXICITY_MODEL" not in settings:
-            run = replace(run, profile=without_scores(run.profile))
-        if not sys.stderr.isatty():  # each step is a line of stdout, which is enough
-            run = replace(run, progress=Progress())
+        _begin(root)
+        run = _run_of(options, scored="KB_TOXICITY_MODEL" in settings)
         job = Recipe("demo")
         steps = [step for step in job.defined("STEPS") if step not in without]
         # Beside the data root: in it they would hold what a purge removes everywhere else.
@@ -131,6 +115,36 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
             return done
         finally:
             shutil.rmtree(place, ignore_errors=True)
+
+
+def _begin(root: Path) -> None:
+    """Mark a root as a demo's. An unfinished demo goes on, a finished one is removed. Raises
+    UsageError for other data.
+    """
+    from kb.artifacts.data_roots import is_root
+    from kb.store.state import demo_mark
+
+    mark = demo_mark.read_mark(root)
+    if mark is None and is_root(root):
+        raise UsageError(
+            f"{root} holds data that no demo has made", hint="name another folder with --data"
+        )
+    if mark is not None and mark.finished:
+        _remove(root)
+    demo_mark.write_mark(root, finished=False)
+
+
+def _run_of(options: Options, *, scored: bool) -> Run:
+    """The run of a demo, whose texts are `scored` or kept without scores."""
+    # In so small a world one process is done before others have imported what they need.
+    single = 1 if options.engine == "local" else None
+    run = replace(options, workers=options.workers or single).make_run(dotenv=False)
+    run = replace(run, asked=options.workers is not None)
+    if not scored:
+        run = replace(run, profile=without_scores(run.profile))
+    if not sys.stderr.isatty():  # each step is a line of stdout, which is enough
+        run = replace(run, progress=Progress())
+    return run
 
 
 def _remove(root: Path) -> None:
