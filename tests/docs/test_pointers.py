@@ -52,26 +52,21 @@ class Names(NamedTuple):
         return False
 
 
-def _words_of(node: ast.AST) -> Iterator[str]:
-    """The names and words that a node of a syntax tree is made of."""
-    for field in ("id", "attr", "name", "arg", "asname"):
-        if isinstance(text := getattr(node, field, None), str):
-            yield from re.findall(r"\w+", text)
-    if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        yield from re.findall(r"\w+", node.value)
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    """A module or statement and all statements in it."""
+    yield node
+    for block in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for inner in getattr(node, block, ()):
+            yield from _statements(inner)
 
 
-def _docstrings(tree: ast.Module) -> set[ast.Constant]:
+def _docstrings(statements: list[ast.AST]) -> Iterator[ast.Constant]:
     """Docstrings, and strings that stand below a constant or a field."""
-    return {
-        line.value
-        for node in ast.walk(tree)
-        if isinstance(node, _DOCUMENTED)
-        for line in node.body
-        if isinstance(line, ast.Expr)
-        and isinstance(line.value, ast.Constant)
-        and isinstance(line.value.value, str)
-    }
+    for node in statements:
+        for line in node.body if isinstance(node, _DOCUMENTED) else ():
+            text = line.value if isinstance(line, ast.Expr) else None
+            if isinstance(text, ast.Constant) and isinstance(text.value, str):
+                yield text
 
 
 @cache
@@ -99,22 +94,26 @@ def repository() -> tuple[Names, dict[str, list[str]]]:
 
 def _take_code(file: str, names: Names, prose: dict[str, list[str]]) -> None:
     source = (ROOT / file).read_text("utf-8")
-    tree = ast.parse(source)
-    documented = _docstrings(tree)
-    for text in documented:
+    statements = [*_statements(ast.parse(source))]
+    documented = set()
+    for text in _docstrings(statements):
         prose[f"{file}:{text.lineno}"].append(str(text.value))
+        documented.add((text.lineno, text.col_offset))
+    words: list[tuple[int, str]] = []  # with their lines
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
             prose[f"{file}:{token.start[0]}"].append(token.string)
-    own = {word for node in ast.walk(tree) if node not in documented for word in _words_of(node)}
-    names.words.update(own)
+        elif token.type == tokenize.NAME:
+            words.append((token.start[0], token.string))
+        elif token.type != tokenize.OP and token.start not in documented:
+            words += [(token.start[0], word) for word in re.findall(r"\w+", token.string)]
     module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-    names.modules[module] = own
-    for node in ast.walk(tree):
+    names.modules[module] = {word for _, word in words}
+    names.words.update(names.modules[module])
+    for node in statements:
         if isinstance(node, ast.ClassDef):
-            names.classes[node.name].update(
-                word for inner in ast.walk(node) for word in _words_of(inner)
-            )
+            lines = range(node.lineno, (node.end_lineno or node.lineno) + 1)
+            names.classes[node.name].update(word for line, word in words if line in lines)
 
 
 def test_what_prose_names_is_there() -> None:
