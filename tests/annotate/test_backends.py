@@ -61,6 +61,7 @@ def run(folder: Path, paths, texts, environment):
     return json.loads((folder / "answer.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_the_least_instruction_sets_give_the_scores_that_are_kept(texts, kept, tmp_path):
     paths, rows = kept
     answer = run(tmp_path, paths, texts, LEAST)

@@ -48,6 +48,7 @@ def scored(root: Path) -> set[tuple[str, ...]]:
     return {tuple(row.values()) for row in rows.to_pylist()}
 
 
+@pytest.mark.slow
 def test_every_command_works_on_roots_with_every_kind_of_file(
     parts: list[Job], tmp_path: Path
 ) -> None:

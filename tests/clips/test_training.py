@@ -13,6 +13,7 @@ from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT, needs
 
 needs("av", "torch", "torchdata")
+pytestmark = pytest.mark.slow
 
 TEXT = (ROOT / "docs" / "train.md").read_text(encoding="utf-8")
 BATCH = 32  # of the page
@@ -77,7 +78,6 @@ def ran(place: Path) -> dict[str, Any]:
     return run(place, blocks("python"))
 
 
-@pytest.mark.slow
 def test_a_model_learns_from_films_what_shapes_stand_for(tmp_path: Path) -> None:
     """On videos that it has not seen, where guessing finds one of 32."""
     *_, trained = run(made(tmp_path, {}), blocks("python")[:3])["accuracies"]

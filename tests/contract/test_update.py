@@ -68,6 +68,7 @@ def test_what_is_gone_there_is_gone_here_and_nothing_is_asked_twice(job: Job) ->
     assert not [path for path, _ in asked(job, before) if path.endswith(("/videos", "/timedtext"))]
 
 
+@pytest.mark.slow
 def test_a_quota_ends_a_source_and_the_next_days_go_on(job: Job) -> None:
     """The other source and the build are done; within the days nothing is asked twice. A source
     that waits for somebody decides the exit code.

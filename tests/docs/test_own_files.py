@@ -92,6 +92,7 @@ def shell(place: Path, script: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_own_files_become_pairs_a_search_and_a_draw(place: Path) -> None:
     first, *rest = BLOCKS
     assert first.splitlines()[-1] == ". .venv/bin/activate"  # tests/package/test_setup.py

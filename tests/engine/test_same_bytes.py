@@ -196,6 +196,7 @@ def test_a_build_on_a_cluster_makes_what_one_machine_makes(crawled: Job, cluster
     assert made(tmp_path / "dask", *words) == made(tmp_path / "here")
 
 
+@pytest.mark.slow
 def test_another_processor_locale_time_zone_hash_seed_and_number_of_workers(
     crawled: Job, tmp_path
 ) -> None:

@@ -73,6 +73,7 @@ class Seat:
         self.until("#progress", f"{number} of")
 
 
+@pytest.mark.slow
 def test_fifty_pairs_by_keyboard_in_two_sittings_and_a_second_person(
     browser: Any, root: Path, here: Here
 ) -> None:

@@ -224,6 +224,7 @@ def test_from_crawl_to_purge(place: Place) -> None:
     assert place.site.asked["/questions/107/answers"] == 0
 
 
+@pytest.mark.slow
 def test_a_download_is_restored(place: Place) -> None:
     """Interrupted, resumed, after a deletion; what is purged leaves the restored rows as well."""
     place.run("qanda crawl", "build")

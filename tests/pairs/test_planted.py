@@ -30,6 +30,7 @@ from kb.youtube.ytdlp.subtitles import Cue, read
 from tests.conftest import needs
 
 needs("rensa")
+pytestmark = pytest.mark.slow
 SEEDS = range(10)
 LENGTH, VIDEOS = 6, 3  # of a recurring run, in words and in videos of a channel
 

@@ -231,6 +231,7 @@ def test_films_may_go_when_they_were_seen(place: Path, here: Here) -> None:
     assert (done.code, vectors.name in done.said) == (1, True)
 
 
+@pytest.mark.slow
 def test_mineclips_temporal_part_runs_over_stored_frames(place: Path, here: Here) -> None:
     """Against the model as it was published, on the frame features that were stored."""
     from tests.score.checkpoints import MineClip  # torch takes seconds to load

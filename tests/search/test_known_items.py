@@ -30,6 +30,7 @@ from tests.conftest import skip_or_fail
 from tests.faults import Sandbox
 from tests.reddit.work import NOW, Work, rows
 
+pytestmark = pytest.mark.slow
 ANIMALS = (
     "badger", "camel", "dingo", "egret", "ferret", "gecko", "heron", "ibex", "jackal", "koala",
     "lemur", "marten",
