@@ -36,7 +36,9 @@ def load(
 
     A release may also be at any address that fsspec knows. Of its tables only what is asked for
     is read. The pages of a table are verified by their checksums, but not for `sql` and what is
-    made by it. Nothing is kept on this machine. `storage_options` are fsspec's.
+    made by it. Nothing is kept on this machine, unless an address such as `blockcache::s3://…`
+    says where (`storage_options={"blockcache": {"cache_storage": "cache"}}`). `storage_options` are
+    fsspec's.
 
     Raises UsageError for a folder that does not exist, FatalError for one without tables or without
     permission to read it, DamagedData if a file is missing, MissingExtra without the package that

@@ -6,7 +6,8 @@
 Of a Parquet file only the footer and the pages that a query needs are read, and every page is
 verified by its checksum; other files are read whole and verified by SHA256SUMS. Nothing is written
 but what a web server without byte ranges sends: each file once, whole, to a temporary place that
-goes with the process.
+goes with the process. An address such as `blockcache::s3://…` keeps blocks in a folder of the
+user's choice.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO, Self, cast
 
 import pyarrow as pa
 import pyarrow.fs
@@ -49,7 +50,10 @@ _EXTRAS = {"s3": "s3", "s3a": "s3", "hf": "hub"}
 _REFUSED = {"PermissionError", "NoCredentialsError", "GatedRepoError", "PartialCredentialsError"}
 _S3_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 _HTTP = {"http", "https"}
-_CACHES = {"blockcache", "cached", "filecache", "simplecache"}  # of fsspec, by protocol
+# Threads read several files at once. fsspec promises that of its asynchronous clients; others may
+# share one connection (FTP), one position (tar) or one table of blocks (caches).
+_CONCURRENT = {"file", "hf", "local", "memory"}
+_TURN = threading.RLock()
 _PART = 2  # bytes: of a smaller file there are no parts
 _PAGE = "page integrity"  # in Arrow's message of a page with another checksum
 _NO_CONNECTION = (ConnectionError, TimeoutError, socket.gaierror)
@@ -181,13 +185,6 @@ def remote_folders(address: str, options: Mapping[str, Any] | None = None) -> li
     an unknown kind of address or a folder that does not exist, MissingExtra without the client that
     it needs, FatalError without permission or connection.
     """
-    if not _CACHES.isdisjoint(address.split("::")):
-        # Of 25 queries with two scans of a table through `blockcache` one succeeded, six through
-        # `filecache`: threads read what others have only begun to write.
-        raise SettingError(
-            f"{address}: fsspec's caches can't be shared by the threads that read a release",
-            hint="download the release to keep it, and name its folder",
-        )
     with reading_at(address):
         if "hf://" in address:
             use_own_client(
@@ -237,7 +234,38 @@ def _ways(address: str, options: Mapping[str, Any]) -> dict[str, dict[str, Any]]
 
 
 def _open(system: fsspec.AbstractFileSystem, path: str) -> Any:
-    return system.open(path, mode="rb", cache_type="none")
+    protocols = {system.protocol} if isinstance(system.protocol, str) else {*system.protocol}
+    if isinstance(system, fsspec.asyn.AsyncFileSystem) or protocols & _CONCURRENT:
+        return system.open(path, mode="rb", cache_type="none")
+    with _TURN:
+        return _TurnTaker(system.open(path, mode="rb"))
+
+
+class _TurnTaker:
+    """A file of a client that only one thread at a time may use."""
+
+    def __init__(self, file: Any) -> None:
+        self._file = file
+
+    def __getattr__(self, name: str) -> Any:
+        attribute = getattr(self._file, name)
+        if not callable(attribute):
+            return attribute
+
+        def in_turn(*given: Any) -> Any:
+            with _TURN:
+                return attribute(*given)
+
+        return in_turn
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __del__(self) -> None:  # Arrow forgets files without closing them
+        self.close()
 
 
 @contextlib.contextmanager

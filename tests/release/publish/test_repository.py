@@ -295,6 +295,10 @@ def test_a_published_release_is_read_where_it_lies(root: Path, hub: Sandbox) -> 
     assert changes(hub, before) == []
     tagged = at_address(hub, root, *asked, "--data", f"hf://datasets/{REPO}@v1.0.0")
     assert tagged.out == read.out
+    blocks = {"FSSPEC_BLOCKCACHE_CACHE_STORAGE": str(root.parent / "blocks")}
+    cached = at_address(hub, root, *asked, "--data", f"blockcache::hf://datasets/{REPO}", **blocks)
+    assert (cached.out, cached.err) == (read.out, "")
+    assert any((root.parent / "blocks").iterdir())
     refused = at_address(hub, root, *asked, *place, HF_TOKEN=STRANGER)
     assert refused.code in (1, 2)
     assert refused.err.startswith(f"kb: there is no hf://datasets/{REPO}; ")
@@ -310,7 +314,8 @@ def at_address(service: Sandbox, root: Path, *words: str, **env: str) -> Done:
     """`kb WORDS` in an empty folder, with the hub's address and token."""
     empty = root.parent / "elsewhere"
     empty.mkdir(exist_ok=True)
-    done = processes.run(words, env=environment(service, root, **env), cwd=empty)
+    fresh = any(name.startswith("FSSPEC_") for name in env)  # fsspec reads them at its import
+    done = processes.run(words, env=environment(service, root, **env), cwd=empty, fresh=fresh)
     assert list(empty.iterdir()) == []
     return Done(done.returncode, done.stdout, done.stderr)
 

@@ -3,10 +3,14 @@
 import contextlib
 import hashlib
 import sys
+import tarfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import duckdb
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
@@ -76,14 +80,61 @@ def test_files_are_verified_and_pages_as_they_are_read(
         rows.to_table()
 
 
-@pytest.mark.parametrize("cache", ["blockcache", "cached", "filecache", "simplecache"])
-def test_a_cache_that_threads_can_not_share_is_refused(
-    server: S3Server, address: str, cache: str, tmp_path: Path
+def test_blocks_are_kept_only_in_a_folder_that_the_address_names(
+    server: S3Server, address: str, tmp_path: Path
 ) -> None:
-    options = {"s3": server.options(), cache: {"cache_storage": str(tmp_path / "kept")}}
-    with pytest.raises(SettingError, match=rf"^{cache}::s3://.* by the threads"):
-        remote_folders(f"{cache}::{address}", options)
-    assert list(tmp_path.iterdir()) == []
+    cache = tmp_path / "blocks"
+    options = {
+        "s3": server.options(),
+        "blockcache": {"cache_storage": str(cache), "skip_instance_cache": True},
+    }
+    answered = []
+    for _ in range(2):
+        (one,) = remote_folders(f"blockcache::{address}", options)
+        before = server.answered
+        found = one.dataset(SHARDS).to_table(filter=pc.field("post_id") == "k0000007")
+        assert found.num_rows == 1
+        answered.append(server.answered - before)
+    assert answered[1] < answered[0]
+    assert any(cache.iterdir())
+
+
+@pytest.mark.parametrize("cache", ["blockcache", "filecache", "simplecache"])
+def test_threads_share_a_cache(server: S3Server, cache: str, tmp_path: Path) -> None:
+    options = {
+        "s3": server.options(),
+        cache: {"cache_storage": str(tmp_path / "kept"), "skip_instance_cache": True},
+    }
+    total = write_numbers(tmp_path / "numbers")
+    address = server.fill(cache, tmp_path / "numbers", "v1/")
+    (one,) = remote_folders(f"{cache}::{address}", options)
+    assert sums_of_two_scans(one) == (total, total)
+
+
+def test_threads_share_an_archive(tmp_path: Path) -> None:
+    total = write_numbers(tmp_path / "numbers")
+    with tarfile.open(tmp_path / "v1.tar", "w") as archive:
+        archive.add(tmp_path / "numbers", "numbers")
+    (one,) = remote_folders(f"tar://numbers::file://{tmp_path / 'v1.tar'}")
+    assert sums_of_two_scans(one) == (total, total)
+
+
+def write_numbers(folder: Path) -> int:
+    """Eight files that several threads read at once; the sum of their numbers."""
+    folder.mkdir()
+    for name in range(8):
+        rows = pa.table({"number": range(name, 200_000)})
+        pq.write_table(rows, folder / f"{name}.parquet", row_group_size=20_000, compression="none")
+    return sum(sum(range(name, 200_000)) for name in range(8))
+
+
+def sums_of_two_scans(folder: RemoteFolder) -> Any:
+    """Of the same files, in one query."""
+    with duckdb.connect() as con:
+        for name in ("a", "b"):
+            con.register(name, folder.dataset(sorted(folder.sizes)))
+        sums = "SELECT (SELECT sum(number) FROM a), (SELECT sum(number) FROM b)"
+        return con.execute(sums).fetchone()
 
 
 def test_errors_name_the_address(
