@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import tarfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -30,8 +29,7 @@ def sandbox() -> Iterator[Sandbox]:
 def unpacked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the data root of a version, never written to."""
     place = tmp_path_factory.mktemp("kept")
-    with tarfile.open(request.param) as tar:
-        tar.extractall(place, filter="data")
+    shutil.unpack_archive(request.param, place)
     return place
 
 
