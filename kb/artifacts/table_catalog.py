@@ -41,8 +41,6 @@ SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first 
 CONTENT = ("clean", "restored", "release")  # where a source's texts are read: the fullest first
 _SHARD = re.compile(r"([a-z][a-z0-9_]*?)(?:-[0-9]+(?:-of-[0-9]+)?)?\.parquet")
 NO_TABLES = "run a crawl and its filter first, or `kb demo`"
-_ADDRESS = re.compile(r"(?:[a-z0-9]+::)*[a-z][a-z0-9+.-]+:/.*", re.DOTALL)
-_PROTOCOL = re.compile(r"(^|::)([a-z][a-z0-9+.-]+):(/{1,3})")  # of a part of an address
 
 
 class View(NamedTuple):
@@ -244,19 +242,6 @@ def refuse_download(place: Path, option: str = "--data", *, named: bool = True) 
         raise UsageError(f"{place} is a download", hint=hint)
     if (around := download_around(place, named=named)) is not None:
         raise UsageError(f"{place} is inside the download {around}", hint=hint)
-
-
-def address_of(place: str | os.PathLike[str]) -> str:
-    """The fsspec address that a place is, also as a Path ("s3:/bucket"); "" for a folder."""
-    address = os.fspath(place)
-    if not _ADDRESS.fullmatch(address):
-        return ""
-
-    def whole(part: re.Match[str]) -> str:
-        slashes = "///" if part[2] == "file" else "//" + part[3][2:]  # file:/folder is absolute
-        return f"{part[1]}{part[2]}:{slashes}"
-
-    return _PROTOCOL.sub(whole, address)
 
 
 def existing(path: Path) -> Path:

@@ -10,6 +10,7 @@ from typing import Any
 from kb import query
 from kb.artifacts import remote_release, table_catalog
 from kb.artifacts.table_catalog import Catalog, View
+from kb.core.config.addresses import address_of
 from kb.reader import clips, html, recipe_tree, thread, video, wiki_page
 from kb.reader.hints import with_hints
 from kb.reader.tables import OpenTables, QueryResult, Tables, TableView
@@ -47,8 +48,8 @@ def load(
     given: list[Place] = []
     for place in places or ("data",):
         given += [place] if isinstance(place, str | os.PathLike) else place
-    remote = [address for place in given if (address := table_catalog.address_of(place))]
-    local = [Path(place) for place in given if not table_catalog.address_of(place)]
+    remote = [address for place in given if (address := address_of(place))]
+    local = [Path(place) for place in given if not address_of(place)]
     views = [
         view for address in remote for view in remote_release.read_views(address, storage_options)
     ]

@@ -96,24 +96,3 @@ def test_checksums_are_read_and_invalid_lines_are_counted(tmp_path: Path) -> Non
     assert release_folder.sums(tmp_path) == ({"videos.parquet": digest}, 1)
     (tmp_path / "SHA256SUMS").write_bytes(b"\xff\xfe")
     assert release_folder.sums(tmp_path) == ({}, 1)
-
-
-@pytest.mark.parametrize(
-    "address",
-    [
-        "s3://bucket/v1",
-        "hf://datasets/ORG/NAME@v1.0.0",
-        "file:///srv/release",
-        "blockcache::hf://datasets/ORG/NAME",
-        "zip://youtube::https://example.org/files/v1.zip",
-        "simplecache::tar://release::file:///srv/v1.tar",
-    ],
-)
-def test_an_address_stays_one_as_a_path(address: str) -> None:
-    assert table_catalog.address_of(address) == address
-    assert table_catalog.address_of(Path(address)) == address
-
-
-@pytest.mark.parametrize("folder", ["data", "/srv/a:b", "./s3:x", "C:/data"])
-def test_a_folder_is_no_address(folder: str) -> None:
-    assert table_catalog.address_of(Path(folder)) == ""

@@ -115,6 +115,7 @@ def query(
     download.
     """
     from kb.artifacts import table_catalog
+    from kb.core.config.addresses import address_of
     from kb.query import catalog, connect, find_views, select
     from kb.query.formats import choose, write_answer
     from kb.query.limits import for_people, limited
@@ -130,7 +131,7 @@ def query(
     if not tables:
         sql = _read(sql, file)
     run = options.make_run(needs="root", addresses=True)
-    address = table_catalog.address_of(run.settings.kb_data)
+    address = address_of(run.settings.kb_data)
     views = _views_at(address) if address else find_views(run.root)
     if not address:
         warn_stale(run)
@@ -157,8 +158,9 @@ def query(
 def _views_at(place: str) -> Sequence[View]:
     """The tables of a folder, or of a release at an address. Raises as `read` and `read_views`."""
     from kb.artifacts import table_catalog
+    from kb.core.config.addresses import address_of
 
-    if address := table_catalog.address_of(place):
+    if address := address_of(place):
         from kb.artifacts import remote_release  # not for nothing: its import takes long
 
         return remote_release.read_views(address)

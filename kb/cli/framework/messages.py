@@ -51,7 +51,7 @@ def set_options(data: object = None, profile: str | None = None, root: Path | No
     _options.clear()
     _options.update({name: str(value) for name, value in options.items() if value is not None})
     if ":/" in _options.get("--data", ""):  # a Path makes s3:/bucket of an address
-        from kb.artifacts.table_catalog import address_of
+        from kb.core.config.addresses import address_of
 
         _options["--data"] = address_of(_options["--data"]) or _options["--data"]
 

@@ -131,8 +131,8 @@ class Options:
         Raises UsageError for a data root that `use` does not allow, SettingError, ProfileError or
         OtherService, before anything is sent or written.
         """
-        from kb.artifacts.table_catalog import address_of
         from kb.core.arrow_without_pandas import without_pandas
+        from kb.core.config.addresses import address_of
         from kb.core.config.settings import load_settings, unknown_names
         from kb.core.context import Run, default_workers
         from kb.net import redact

@@ -1,12 +1,15 @@
-"""Addresses of services: which are on this machine, and which may be asked in the clear."""
+"""Addresses of services (on this machine? in the clear?) and of data."""
 
 import ipaddress
+import os
 import re
 from urllib.parse import urlsplit
 
 _CONTACT = re.compile(
     r"[^\s@<>]+@[^\s@<>]+\.[^\s@<>.]|https?://[^\s/]+\.[^\s/.]|\bwww\.[^\s/]+\.\w"
 )
+_DATA = re.compile(r"(?:[a-z0-9]+::)*[a-z][a-z0-9+.-]+:/.*", re.DOTALL)
+_PROTOCOL = re.compile(r"(^|::)([a-z][a-z0-9+.-]+):(/{1,3})")  # of a part of an address of data
 _NOT_HTTPS = "must begin with https://; plain http is for services on this machine alone"
 
 
@@ -53,3 +56,16 @@ def is_contact(text: str) -> bool:
 def in_the_clear(url: str) -> bool:
     """Whether others on the way could read what is sent to an address, and change the answer."""
     return urlsplit(url).scheme != "https" and not is_loopback(url)
+
+
+def address_of(place: str | os.PathLike[str]) -> str:
+    """The fsspec address that a place is, also as a Path ("s3:/bucket"); "" for a folder."""
+    address = os.fspath(place)
+    if not _DATA.fullmatch(address):
+        return ""
+
+    def whole(part: re.Match[str]) -> str:
+        slashes = "///" if part[2] == "file" else "//" + part[3][2:]  # file:/folder is absolute
+        return f"{part[1]}{part[2]}:{slashes}"
+
+    return _PROTOCOL.sub(whole, address)

@@ -1,11 +1,11 @@
-"""Addresses of services, and pipeline files."""
+"""Addresses of services and of data, and pipeline files."""
 
 import pickle
 from pathlib import Path
 
 import pytest
 
-from kb.core.config.addresses import in_the_clear, is_loopback, root_of
+from kb.core.config.addresses import address_of, in_the_clear, is_loopback, root_of
 from kb.core.config.pipeline import digests, recipe_of
 from kb.core.config.profile import Profile, load_profile
 from kb.core.errors import SettingError
@@ -108,3 +108,24 @@ def test_a_digest_is_of_what_a_recipe_does(profile: Profile, text: str, same: bo
         profile.resolve_file("mine.py").write_text(one)
         noted.append(digests(profile, "tasks")["mine.py"])
     assert (noted[0] == noted[1]) is same
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "s3://bucket/v1",
+        "hf://datasets/ORG/NAME@v1.0.0",
+        "file:///srv/release",
+        "blockcache::hf://datasets/ORG/NAME",
+        "zip://youtube::https://example.org/files/v1.zip",
+        "simplecache::tar://release::file:///srv/v1.tar",
+    ],
+)
+def test_an_address_stays_one_as_a_path(address: str) -> None:
+    assert address_of(address) == address
+    assert address_of(Path(address)) == address
+
+
+@pytest.mark.parametrize("folder", ["data", "/srv/a:b", "./s3:x", "C:/data"])
+def test_a_folder_is_no_address(folder: str) -> None:
+    assert address_of(Path(folder)) == ""
