@@ -103,6 +103,7 @@ def folder(name: str) -> Path:
 __all__ = [
     "ds",
     "fsspec",
+    "fsspec_cached",
     "googleapiclient",
     "httplib2",
     "langcodes",
@@ -145,6 +146,7 @@ def require(extra: str, *packages: str) -> None:
 
 if TYPE_CHECKING:
     import fsspec
+    import fsspec.implementations.cached as fsspec_cached
     import googleapiclient.discovery
     import googleapiclient.errors
     import httplib2
@@ -157,6 +159,7 @@ if TYPE_CHECKING:
 else:
     ds = _LatePackage("pyarrow.dataset", "")  # which imports pandas where that is installed
     fsspec = _LatePackage("fsspec", "")
+    fsspec_cached = _LatePackage("fsspec.implementations.cached", "")
     googleapiclient = _LatePackage("googleapiclient", "")
     httplib2 = _LatePackage("httplib2", "")
     langcodes = _LatePackage("langcodes", "")

@@ -37,7 +37,7 @@ from kb.core.errors import (
     SettingError,
     Unreachable,
 )
-from kb.core.installation import ds, fsspec, install_extra
+from kb.core.installation import ds, fsspec, fsspec_cached, install_extra
 from kb.net.certificates import causes, tls, untrusted
 from kb.net.hub_client import use_own_client
 from kb.net.proxies import proxy_of
@@ -50,10 +50,7 @@ _EXTRAS = {"s3": "s3", "s3a": "s3", "hf": "hub"}
 _REFUSED = {"PermissionError", "NoCredentialsError", "GatedRepoError", "PartialCredentialsError"}
 _S3_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 _HTTP = {"http", "https"}
-# Threads read several files at once. fsspec promises that of its asynchronous clients; others may
-# share one connection (FTP), one position (tar) or one table of blocks (caches).
-_CONCURRENT = {"file", "hf", "local", "memory"}
-_TURN = threading.RLock()
+_TURN = threading.RLock()  # of the threads that read files of one client
 _PART = 2  # bytes: of a smaller file there are no parts
 _PAGE = "page integrity"  # in Arrow's message of a page with another checksum
 _NO_CONNECTION = (ConnectionError, TimeoutError, socket.gaierror)
@@ -234,11 +231,15 @@ def _ways(address: str, options: Mapping[str, Any]) -> dict[str, dict[str, Any]]
 
 
 def _open(system: fsspec.AbstractFileSystem, path: str) -> Any:
-    protocols = {system.protocol} if isinstance(system.protocol, str) else {*system.protocol}
-    if isinstance(system, fsspec.asyn.AsyncFileSystem) or protocols & _CONCURRENT:
-        return system.open(path, mode="rb", cache_type="none")
+    caches = isinstance(system, fsspec_cached.CachingFileSystem)
+    # A cache asks the client below for just its blocks, and sets this itself.
+    options = {} if caches else {"cache_type": "none"}
+    # Several threads read at once. Asynchronous clients and Hugging Face's support that; others may
+    # share one connection (FTP), one position (tar) or one table of blocks (caches).
+    if isinstance(system, fsspec.asyn.AsyncFileSystem) or system.protocol == "hf":
+        return system.open(path, mode="rb", **options)
     with _TURN:
-        return _TurnTaker(system.open(path, mode="rb"))
+        return _TurnTaker(system.open(path, mode="rb", **options))
 
 
 class _TurnTaker:
