@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from kb.core import clock
 from kb.core.errors import (
     CredentialRefused,
     FatalError,
@@ -119,10 +120,16 @@ def test_bad_tokens_and_addresses_end_before_anything_is_stored(
 @pytest.mark.parametrize(
     "wait", [None, lambda: "0", lambda: format_datetime(datetime.now(UTC) + timedelta(seconds=2))]
 )
-def test_a_short_limit_is_waited_for(root: Path, service: Sandbox, wait: Any) -> None:
+def test_a_short_limit_is_waited_for(
+    root: Path, service: Sandbox, wait: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waited: list[float] = []
+    monkeypatch.setattr(clock, "sleep", waited.append)
     headers = {"Retry-After": wait()} if wait else {}
     service.faults.add("/api/deposit", status=429, times=2, headers=headers)
     assert send(root, service)["drafts"] == 1
+    assert len(waited) == 2
+    assert sum(waited) < 20
 
 
 DEEP = "[" * 100_000 + "]" * 100_000
