@@ -385,8 +385,8 @@ def derived(purge: Purge) -> Iterator[PurgeLine]:
 
 
 def _note_derived(purge: Purge, names: Iterable[str]) -> list[Path]:
-    """Write down how artifacts that are about to go were made and what of them is kept; those of
-    their files that lie elsewhere, as a folder was moved to another disk and is a link now.
+    """Record how the artifacts that are about to be removed were made, and the files of theirs that
+    are kept. Returns the files that lie outside their folders, behind links to another disk.
     """
     note, root, linked = purge.note, purge.root, list[Path]()
     note.keys = purge.keys | purge.absent

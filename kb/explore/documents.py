@@ -253,8 +253,8 @@ def _post_and_comments(
     *,
     required: bool,
 ) -> tuple[ThreadNode, dict[str, ThreadNode]]:
-    """The post and, by full name, its kept comments; a post that was not kept has none. The page
-    takes the post's title, facts and verdict.
+    """The post and its kept comments by full name; a post that was not kept has no comments. Sets
+    the page's title, facts and verdict.
     """
     if (verdict := _verdict(tables, source, f"t3_{post_id}")) is not None:
         page.verdict, row = verdict

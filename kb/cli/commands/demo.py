@@ -118,8 +118,8 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
 
 
 def _begin(root: Path) -> None:
-    """Mark a root as a demo's. An unfinished demo goes on, a finished one is removed. Raises
-    UsageError for other data.
+    """Prepare a data root for a demo: remove a finished demo, keep an unfinished one so that it
+    resumes, and mark the root. Raises UsageError if the root holds other data.
     """
     from kb.artifacts.data_roots import is_root
     from kb.store.state import demo_mark
@@ -135,7 +135,7 @@ def _begin(root: Path) -> None:
 
 
 def _run_of(options: Options, *, scored: bool) -> Run:
-    """The run of a demo, whose texts are `scored` or kept without scores."""
+    """The demo's run. Unless texts are `scored`, its profile does without toxicity scores."""
     # In so small a world one process is done before others have imported what they need.
     single = 1 if options.engine == "local" else None
     run = replace(options, workers=options.workers or single).make_run(dotenv=False)

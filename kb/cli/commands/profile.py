@@ -183,12 +183,12 @@ def check(
 
 
 def _exit_code(findings: list[Finding], tried: _Tried) -> int:
-    """2 for an error in the profile, else that of the service with the worst answer, else 0."""
+    """2 for an error in the profile, else the code of the worst answer of a service, else 0."""
     from kb.core.config.section import ERROR
 
-    codes = {code for _, _, code in tried.answers}
     if any(found.level == ERROR and not found.file.startswith("online") for found in findings):
         return 2
+    codes = {code for _, _, code in tried.answers}
     return next((code for code in (2, 1, 4, 3) if code in codes), 0)  # the worst first
 
 
